@@ -50,11 +50,21 @@ class BuildMessages(build_ext):
         prefix = str(ros_prefix())
         environment = {**os.environ, "AMENT_PREFIX_PATH": prefix, "CMAKE_PREFIX_PATH": prefix}
         for arguments in (
-            ["-G", "Ninja", "-S", str(ROOT), "-B", str(build_folder), "-DBUILD_TESTING=OFF", "-DWARM=OFF",
-             f"-DCMAKE_INSTALL_PREFIX={self.stage}", f"-DPython3_EXECUTABLE={sys.executable}"],
+            [
+                "-G",
+                "Ninja",
+                "-S",
+                str(ROOT),
+                "-B",
+                str(build_folder),
+                "-DBUILD_TESTING=OFF",
+                "-DWARM=OFF",
+                f"-DCMAKE_INSTALL_PREFIX={self.stage}",
+                f"-DPython3_EXECUTABLE={sys.executable}",
+            ],
             ["--build", str(build_folder)],
             ["--install", str(build_folder)],
-        ):  # fmt: skip
+        ):
             subprocess.run(["cmake", *arguments], env=environment, check=True)  # noqa: S607
 
 

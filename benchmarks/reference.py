@@ -33,7 +33,12 @@ def kelvin_voigt(stiffness: float, exponent: float, damping: float) -> Layers:
 
 
 def two_layer(
-    stiffness: float, exponent: float, damping: float, layer_depth: float, stiffness_2: float, damped: bool
+    stiffness: float,
+    exponent: float,
+    damping: float,
+    layer_depth: float,
+    stiffness_2: float,
+    damped: bool,
 ) -> Layers:
     """Layers of the two-layer law, Eq. 12 of the paper, with the dashpot in both layers if `damped`."""
     above = damping if damped else 0.0
@@ -42,16 +47,22 @@ def two_layer(
         (0.0, lambda depth, rate, _impact: power(stiffness, exponent, depth) + above * rate),
         (
             layer_depth,
-            lambda depth, rate, _impact: base + power(stiffness_2, exponent, depth - layer_depth) + damping * rate,
+            lambda depth, rate, _impact: (
+                base + power(stiffness_2, exponent, depth - layer_depth) + damping * rate
+            ),
         ),
     ]
 
 
-def impact_damped(stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> Layers:
+def impact_damped(
+    stiffness: float, exponent: float, loss: float, least_impact_speed: float
+) -> Layers:
     """Layers of the force K δⁿ (1 + D δ̇ / v₀), with v₀ the speed at first touch, or the least one [m/s]."""
 
     def force(depth: float, rate: float, impact: float) -> float:
-        return power(stiffness, exponent, depth) * (1.0 + loss * rate / max(impact, least_impact_speed))
+        return power(stiffness, exponent, depth) * (
+            1.0 + loss * rate / max(impact, least_impact_speed)
+        )
 
     return [(0.0, force)]
 
@@ -247,7 +258,12 @@ def answers(scene: Scene) -> Answers:
     """
     depth = static_depth(scene)
     layer = sum(begin < depth for begin, _ in scene.layers) - 1
-    point = _Point(0.0, scene.femur.start(depth, scene.angle[0]), _mode_in(scene.layers, layer, depth, 0.0, 0.0), 0.0)
+    point = _Point(
+        0.0,
+        scene.femur.start(depth, scene.angle[0]),
+        _mode_in(scene.layers, layer, depth, 0.0, 0.0),
+        0.0,
+    )
     rows = [(depth, _force(scene.layers, point, depth, 0.0), point.state[0])]
     turn = 0.0
     for i in range(1, len(scene.time)):
@@ -257,7 +273,9 @@ def answers(scene: Scene) -> Answers:
         tick = _Tick(scene.angle[i - 1], turn, scene.load[i - 1], slope)
         state = _turned(scene, point, tick, before, first=i == 1)
         contact = scene.femur.contact(state, tick.angle, turn)
-        mode = _mode_in(scene.layers, point.mode.layer, *contact, point.impact)  # the rate has jumped, and the force
+        mode = _mode_in(
+            scene.layers, point.mode.layer, *contact, point.impact
+        )  # the rate has jumped, and the force
         point = _Point(0.0, state, mode, point.impact)
         events = 0
         while point.s < duration:
@@ -272,7 +290,11 @@ def answers(scene: Scene) -> Answers:
 
 def _force(layers: Layers, point: _Point, depth: float, rate: float) -> float:
     """Force of the contact [N] at a point with this depth [m] and rate [m/s]."""
-    return max(0.0, layers[point.mode.layer][1](depth, rate, point.impact)) if point.mode.pressing else 0.0
+    return (
+        max(0.0, layers[point.mode.layer][1](depth, rate, point.impact))
+        if point.mode.pressing
+        else 0.0
+    )
 
 
 def _turned(scene: Scene, point: _Point, tick: _Tick, before: float, first: bool) -> State:
@@ -296,35 +318,52 @@ def _piece(scene: Scene, tick: _Tick, end: float, start: _Point) -> _Point:
         force = pressing(*contact(s, z), impact) if pressing else 0.0
         load = tick.load + tick.slope * s
         angle = tick.angle + tick.turn * s
-        return scene.femur.motion((z[0], z[1]), angle, tick.turn, force / scene.mass, load / scene.mass)
+        return scene.femur.motion(
+            (z[0], z[1]), angle, tick.turn, force / scene.mass, load / scene.mass
+        )
 
     events = _events(layers, mode, impact, contact)
     method = "Radau" if scene.stiff else "DOP853"
     span = (start.s, end)
     solution = solve_ivp(
-        motion, span, start.state, method=method, rtol=scene.relative_tolerance, atol=ATOL, events=list(events.values())
+        motion,
+        span,
+        start.state,
+        method=method,
+        rtol=scene.relative_tolerance,
+        atol=ATOL,
+        events=list(events.values()),
     )
     if not solution.success:
         raise RuntimeError(solution.message)
     s, z = float(solution.t[-1]), solution.y[:, -1]
     if solution.status == 1:
-        hit = next(name for name, times in zip(events, solution.t_events, strict=True) if len(times))
+        hit = next(
+            name for name, times in zip(events, solution.t_events, strict=True) if len(times)
+        )
         mode, impact = _behind(layers, mode, hit, contact(s, z), impact)
     return _Point(s, (float(z[0]), float(z[1])), mode, impact)
 
 
-def _behind(layers: Layers, mode: _Mode, hit: str, contact: State, impact: float) -> tuple[_Mode, float]:
+def _behind(
+    layers: Layers, mode: _Mode, hit: str, contact: State, impact: float
+) -> tuple[_Mode, float]:
     """Mode and speed of touch behind an event."""
     if hit == "force":
         return _Mode(mode.layer, not mode.pressing), impact
     depth, rate = contact
     if mode.layer < 0:
         impact = float(rate)
-    return _mode_in(layers, mode.layer + (1 if hit == "below" else -1), depth, rate, impact), impact
+    return _mode_in(
+        layers, mode.layer + (1 if hit == "below" else -1), depth, rate, impact
+    ), impact
 
 
 def _events(
-    layers: Layers, mode: _Mode, impact: float, contact: Callable[[float, NDArray[np.float64]], State]
+    layers: Layers,
+    mode: _Mode,
+    impact: float,
+    contact: Callable[[float, NDArray[np.float64]], State],
 ) -> dict[str, Event]:
     """Events that end a mode: the layer's two ends, and the force's change of sign."""
     events: dict[str, Event] = {}
@@ -339,7 +378,9 @@ def _events(
     if mode.layer >= 0:
         begin, force = layers[mode.layer]
         watch("above", -1.0, lambda depth, _rate: depth - begin)
-        watch("force", -1.0 if mode.pressing else 1.0, lambda depth, rate: force(depth, rate, impact))
+        watch(
+            "force", -1.0 if mode.pressing else 1.0, lambda depth, rate: force(depth, rate, impact)
+        )
     if mode.layer + 1 < len(layers):
         end = layers[mode.layer + 1][0]
         watch("below", 1.0, lambda depth, _rate: depth - end)
@@ -357,15 +398,21 @@ def static_depth(scene: Scene) -> float:
     depth, last = 0.0, -1.0
     while depth != last:  # the normal hardly leans with the height
         state = scene.femur.start(depth, scene.angle[0])
-        push, pull = (scene.femur.motion(state, scene.angle[0], 0.0, force, 0.0)[1] for force in (1.0, 0.0))
+        push, pull = (
+            scene.femur.motion(state, scene.angle[0], 0.0, force, 0.0)[1] for force in (1.0, 0.0)
+        )
         depth, last = _static_depth(scene.layers, scene.load[0] / abs(push - pull)), depth
     return depth
 
 
 def _static_depth(layers: Layers, force: float) -> float:
-    layer = max(i for i in range(len(layers)) if i == 0 or layers[i - 1][1](layers[i][0], 0.0, 0.0) < force)
+    layer = max(
+        i for i in range(len(layers)) if i == 0 or layers[i - 1][1](layers[i][0], 0.0, 0.0) < force
+    )
     begin, law = layers[layer]
     end = begin + 1e-9
     while law(end, 0.0, 0.0) < force:
         end = begin + 2.0 * (end - begin)
-    return float(brentq(lambda depth: law(depth, 0.0, 0.0) - force, begin, end, xtol=1e-20, rtol=1e-15))
+    return float(
+        brentq(lambda depth: law(depth, 0.0, 0.0) - force, begin, end, xtol=1e-20, rtol=1e-15)
+    )

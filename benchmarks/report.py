@@ -37,14 +37,22 @@ def processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    named = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
-    family = f"family {named['cpu family']} model {named['model']}" if "cpu family" in named else ""
+    named = {
+        name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)
+    }
+    family = (
+        f"family {named['cpu family']} model {named['model']}" if "cpu family" in named else ""
+    )
     return " ".join(filter(None, (named.get("model name", platform.machine()), family)))
 
 
 def machine(*distributions: str) -> str:
     """Describe processor, system, Python, versions of installed distributions, time, and load of the last minute."""
-    versions = [f"{name} {found}" for name in ("numpy", "scipy", *distributions) if (found := installed_version(name))]
+    versions = [
+        f"{name} {found}"
+        for name in ("numpy", "scipy", *distributions)
+        if (found := installed_version(name))
+    ]
     system = f"{os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
     now = datetime.now().astimezone()
     return (
@@ -64,7 +72,9 @@ def words(path: Path) -> dict[str, str]:
     return {name: text.strip() for name, text in zip(parts[::2], parts[1::2], strict=True)}
 
 
-def save(path: Path, title: str, command: str, sections: Sequence[Section], measured_on: str) -> None:
+def save(
+    path: Path, title: str, command: str, sections: Sequence[Section], measured_on: str
+) -> None:
     """Write a page of sections to a file."""
     parts = [f"# {title}", f"Made by `{command}` on {measured_on}."]
     for section in sections:

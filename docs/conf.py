@@ -19,7 +19,17 @@ release = version = __version__
 extensions = ["myst_parser"]
 rosdoc2_settings = {"allow_other_extensions": True}
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = [".*", "build", "install", "log", "site", "knee_contact_ros", "scripts", "studies", "tests"]
+exclude_patterns = [
+    ".*",
+    "build",
+    "install",
+    "log",
+    "site",
+    "knee_contact_ros",
+    "scripts",
+    "studies",
+    "tests",
+]
 
 myst_heading_anchors = 4  # as code hosts give them
 
@@ -32,21 +42,56 @@ html_copy_source = False
 html_show_sphinx = False
 
 CONTENTS = {
-    "Tutorials": [f"docs/tutorials/{page}" for page in ("first-knee", "your-robot", "your-subject", "notebook")],
-    "How-to": [f"docs/how-to/{page}" for page in (
-        "install", "run-beside-a-controller", "security", "record-and-replay", "see-it", "report", "import-data",
-        "surfaces-and-shares", "python", "many-knees", "uncertainty-and-calibration",
-    )],
-    "Reference": [f"docs/reference/{page}" for page in (
-        "README", "topics", "files", "parameters", "commands", "messages", "python", "faults", "glossary",
-    )],
-    "Explanation": [f"docs/explanation/{page}" for page in ("numbers", "model", "load", "accuracy", "validation")],
-    "Project": [
-        "docs/README", "CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY", "docs/decisions/README",
-        "docs/studies/README",
-        "bags/README", "examples/README", "CHANGELOG",
+    "Tutorials": [
+        f"docs/tutorials/{page}"
+        for page in ("first-knee", "your-robot", "your-subject", "notebook")
     ],
-}  # fmt: skip
+    "How-to": [
+        f"docs/how-to/{page}"
+        for page in (
+            "install",
+            "run-beside-a-controller",
+            "security",
+            "record-and-replay",
+            "see-it",
+            "report",
+            "import-data",
+            "surfaces-and-shares",
+            "python",
+            "many-knees",
+            "uncertainty-and-calibration",
+        )
+    ],
+    "Reference": [
+        f"docs/reference/{page}"
+        for page in (
+            "README",
+            "topics",
+            "files",
+            "parameters",
+            "commands",
+            "messages",
+            "python",
+            "faults",
+            "glossary",
+        )
+    ],
+    "Explanation": [
+        f"docs/explanation/{page}"
+        for page in ("numbers", "model", "load", "accuracy", "validation")
+    ],
+    "Project": [
+        "docs/README",
+        "CONTRIBUTING",
+        "QUALITY_DECLARATION",
+        "SECURITY",
+        "docs/decisions/README",
+        "docs/studies/README",
+        "bags/README",
+        "examples/README",
+        "CHANGELOG",
+    ],
+}
 
 
 def contents() -> str:

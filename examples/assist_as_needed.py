@@ -82,9 +82,13 @@ class Settings:
         for field in fields(self):
             value = getattr(self, field.name)
             if not (isinstance(value, float) and math.isfinite(value) and value > 0.0):
-                raise ValueError(f"{field.name}: {value!r} is not allowed; it should be a number > 0")
+                raise ValueError(
+                    f"{field.name}: {value!r} is not allowed; it should be a number > 0"
+                )
         if self.release_band >= self.force_limit:
-            raise ValueError(f"release_band: {self.release_band:g} is not allowed; it should be below force_limit")
+            raise ValueError(
+                f"release_band: {self.release_band:g} is not allowed; it should be below force_limit"
+            )
 
 
 class AssistLaw:
@@ -166,7 +170,10 @@ class AssistAsNeeded(Node):
         super().__init__("assist_as_needed")
         fixed = ParameterDescriptor(read_only=True)
         names = [field.name for field in fields(Settings)]
-        values = {name: self.declare_parameter(name, getattr(Settings, name), fixed).value for name in names}
+        values = {
+            name: self.declare_parameter(name, getattr(Settings, name), fixed).value
+            for name in names
+        }
         self.law = AssistLaw(Settings(**values))
         self._told = ""
         self._publisher = self.create_publisher(Float64MultiArray, COMMANDS, QoSProfile(depth=1))
@@ -175,7 +182,9 @@ class AssistAsNeeded(Node):
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.create_subscription(KneeContact, "knee_contact", self._on_contact, newest)
         # Time-outs go by a clock that nothing can stop or set, unlike simulated time.
-        self.create_timer(self.law.settings.period, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(
+            self.law.settings.period, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     @property
     def finished(self) -> bool:
@@ -188,7 +197,9 @@ class AssistAsNeeded(Node):
 
     def _on_contact(self, contact: KneeContact) -> None:
         # Its age counts from now, and not from its stamp, which may be that of a recording.
-        self.law.hear(time.monotonic(), contact.contact_force, contact.status, contact.error_estimate)
+        self.law.hear(
+            time.monotonic(), contact.contact_force, contact.status, contact.error_estimate
+        )
         self._publish()
 
     def _publish(self) -> None:
@@ -213,7 +224,9 @@ class AssistAsNeeded(Node):
 
 def main() -> int:
     """Run the node; return the exit code."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # for ROS's handlers end it without a last command
+    rclpy.init(
+        signal_handler_options=SignalHandlerOptions.NO
+    )  # for ROS's handlers end it without a last command
     try:
         node = AssistAsNeeded()
     except (ValueError, RuntimeError) as error:  # ROS's own errors are of the latter kind

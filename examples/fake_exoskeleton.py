@@ -61,7 +61,9 @@ class FakeExoskeleton(Node):
         self.torque: float | None = None
         self._encoder = self.create_publisher(JointState, "exo/encoder", qos_profile_sensor_data)
         self._insole = self.create_publisher(Vector3Stamped, "exo/insole", qos_profile_sensor_data)
-        self.create_subscription(Float64MultiArray, "knee_effort_controller/commands", self._on_command, 10)
+        self.create_subscription(
+            Float64MultiArray, "knee_effort_controller/commands", self._on_command, 10
+        )
         self._begin = self.get_clock().now()
         self.create_timer(1.0 / RATE, self._measure)
         self.create_timer(1.0, self._tell)
@@ -79,7 +81,9 @@ class FakeExoskeleton(Node):
         self.torque = command.data[0]
 
     def _tell(self) -> None:
-        torque = "no command" if self.torque is None else f"the motor is told {self.torque:.1f} N m"
+        torque = (
+            "no command" if self.torque is None else f"the motor is told {self.torque:.1f} N m"
+        )
         self.get_logger().info(f"walking; {torque}")
 
 

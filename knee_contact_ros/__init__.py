@@ -15,8 +15,16 @@ from typing import Any
 __path__ = extend_path(__path__, __name__)
 __version__ = "1.0.0"
 __all__ = [
-    "Results", "UsageError", "calibrate", "estimate_load", "load_model", "sensitivity", "solve", "sweep", "uncertainty",
-]  # fmt: skip
+    "Results",
+    "UsageError",
+    "calibrate",
+    "estimate_load",
+    "load_model",
+    "sensitivity",
+    "solve",
+    "sweep",
+    "uncertainty",
+]
 
 # `__init__.pyi` says the same to type checkers.
 _PLACES = {

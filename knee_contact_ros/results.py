@@ -31,7 +31,15 @@ ENDS = 4
 """Number of rows that the table shows of the beginning, and of the end"""
 WIDTH = 78
 """Width of the table in a terminal [characters]"""
-HEADINGS = ("time [s]", "flexion [°]", "load [N]", "contact force [N]", "depth [mm]", "point x [mm]", "status")
+HEADINGS = (
+    "time [s]",
+    "flexion [°]",
+    "load [N]",
+    "contact force [N]",
+    "depth [mm]",
+    "point x [mm]",
+    "status",
+)
 SIZE = (8.0, 8.0)
 """Width and height of the figure [inch]"""
 LEAST = 1.0
@@ -44,7 +52,9 @@ LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
 def no_such(thing: object, name: str) -> AttributeError:
     """Make the error of an attribute that a result does not have; it suggests the one with the most similar name."""
     near = difflib.get_close_matches(name, dir(thing), n=1) if not name.startswith("_") else []
-    return AttributeError(f"{type(thing).__name__} has no {name}{f'; did you mean {near[0]}?' if near else ''}")
+    return AttributeError(
+        f"{type(thing).__name__} has no {name}{f'; did you mean {near[0]}?' if near else ''}"
+    )
 
 
 class Records(np.recarray[Any, Any]):
@@ -95,7 +105,9 @@ class Results(Records):
             UsageError: the model is not known, or has no patch.
         """
         if self.model is None:
-            raise UsageError("readouts: the model of these answers is not known; see the method of the model")
+            raise UsageError(
+                "readouts: the model of these answers is not known; see the method of the model"
+            )
         try:
             return self.model.readouts(self).view(Records)
         except ValueError as error:
@@ -129,7 +141,9 @@ class Results(Records):
             OSError: the file cannot be written.
         """
         if not fspath(path).endswith(PARQUET):
-            raise UsageError(f"{fspath(path)}: to_parquet writes Parquet files, whose names end in {PARQUET}")
+            raise UsageError(
+                f"{fspath(path)}: to_parquet writes Parquet files, whose names end in {PARQUET}"
+            )
         self.to_polars().write_parquet(path)
 
     def plot(self) -> Any:
@@ -148,7 +162,9 @@ class Results(Records):
         self.model = getattr(whole, "model", None)
 
     def __getitem__(self, index: Any) -> Any:
-        return self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
+        return (
+            self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
+        )
 
     def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
         """Make joined results with the same fields `Results` again; NumPy drops the class of arrays that it joins."""
@@ -185,12 +201,18 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
             f"fields {', '.join(rows.dtype.names or ())}: stamp must be one of them, because it gives the time"
         )
     flat = np.asarray(rows).view(FLAT)
-    parts = [(offset, offset + kind.itemsize) for kind, offset, *_ in (rows.dtype.fields or {}).values()]
+    parts = [
+        (offset, offset + kind.itemsize) for kind, offset, *_ in (rows.dtype.fields or {}).values()
+    ]
     there = [
-        name for name, (_, at, *_) in (FLAT.fields or {}).items() if any(begin <= at < end for begin, end in parts)
+        name
+        for name, (_, at, *_) in (FLAT.fields or {}).items()
+        if any(begin <= at < end for begin, end in parts)
     ]
     runs = {RUN: _run_of(rows)} if "status" in (rows.dtype.names or ()) else {}
-    return {TIME: _time_of(rows)} | runs | {name: np.ascontiguousarray(flat[name]) for name in there}
+    return (
+        {TIME: _time_of(rows)} | runs | {name: np.ascontiguousarray(flat[name]) for name in there}
+    )
 
 
 def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
@@ -202,7 +224,10 @@ def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
     names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *TOLD)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
     if len(answers) > 1:
-        whole = {"topic": np.repeat(list(answers), [len(rows) for rows in answers.values()]), **whole}
+        whole = {
+            "topic": np.repeat(list(answers), [len(rows) for rows in answers.values()]),
+            **whole,
+        }
     if suffix == PARQUET:
         import pyarrow.parquet
 
@@ -265,7 +290,10 @@ def _in_a_line(rows: Rows) -> str:
     if not len(rows):
         return "no ticks"
     time = _time_of(rows)
-    force, depth = float(np.max(rows["contact_force"])), 1e3 * float(np.max(rows["penetration_depth"]))
+    force, depth = (
+        float(np.max(rows["contact_force"])),
+        1e3 * float(np.max(rows["penetration_depth"])),
+    )
     ticks = f"{len(rows)} tick{'s' * (len(rows) != 1)}"
     steps, runs = np.diff(time), _run_of(rows)
     lasts = float(steps[np.diff(runs) == 0].sum()) if runs[-1] else time[-1] - time[0]
@@ -294,16 +322,24 @@ def _as_text(rows: Rows) -> str:
 def _cells(rows: Rows) -> list[tuple[str, ...]]:
     """Give the cells of the table: of all rows, or of those at both ends."""
     begin, number = _begin_in(rows), len(rows)
-    shown = range(number) if number <= 2 * ENDS + 1 else [*range(ENDS), *range(number - ENDS, number)]
+    shown = (
+        range(number) if number <= 2 * ENDS + 1 else [*range(ENDS), *range(number - ENDS, number)]
+    )
     cells: list[tuple[str, ...]] = [
         (
-            stamp_text(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
-            f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
-            f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
+            stamp_text(int(row["stamp"]), begin),
+            f"{np.degrees(row['flexion_angle']):.1f}",
+            f"{row['load']:.1f}",
+            f"{row['contact_force']:.1f}",
+            f"{1e3 * row['penetration_depth']:.3f}",
+            f"{1e3 * row['contact_point']['x']:.2f}",
+            Status(int(row["status"])).name or str(row["status"]),
         )
         for row in np.asarray(rows)[shown]
-    ]  # fmt: skip
-    return cells if len(cells) == number else [*cells[:ENDS], ("…",) * len(HEADINGS), *cells[ENDS:]]
+    ]
+    return (
+        cells if len(cells) == number else [*cells[:ENDS], ("…",) * len(HEADINGS), *cells[ENDS:]]
+    )
 
 
 def _figure_of(rows: Rows) -> Any:
@@ -317,7 +353,10 @@ def _figure_of(rows: Rows) -> Any:
         raise UsageError(f"fields {', '.join(names)}: plot also needs {', '.join(lacking)}")
     matplotlib, pyplot = _library("matplotlib"), _library("matplotlib.pyplot")
     begin = _begin_in(rows)
-    time, along = NANOSECOND * (np.asarray(rows["stamp"]) - begin), 1e3 * np.asarray(rows["contact_point"]["x"])
+    time, along = (
+        NANOSECOND * (np.asarray(rows["stamp"]) - begin),
+        1e3 * np.asarray(rows["contact_point"]["x"]),
+    )
     marker = "o" if len(time) == 1 else None  # a single point makes no line
     figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
     flexion, force, depth, point = axes
@@ -339,5 +378,7 @@ def _figure_of(rows: Rows) -> Any:
     point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
     figure.align_ylabels(axes)
     if "inline" in matplotlib.get_backend():
-        pyplot.close(figure)  # a notebook shows the result of a cell anyway, and would show the figure twice
+        pyplot.close(
+            figure
+        )  # a notebook shows the result of a cell anyway, and would show the figure twice
     return figure

@@ -80,7 +80,12 @@ def knee_node(context):
         name=f"knee_{kind}",
         namespace=LaunchConfiguration("namespace"),
         # Not among `parameters`: launch leaves out a file that is not there, and the node would run with defaults.
-        ros_arguments=["--params-file", LaunchConfiguration("params"), "--log-level", LaunchConfiguration("log_level")],
+        ros_arguments=[
+            "--params-file",
+            LaunchConfiguration("params"),
+            "--log-level",
+            LaunchConfiguration("log_level"),
+        ],
         parameters=[given] if given else [],
         output="screen",
         respawn=LaunchConfiguration("respawn"),
@@ -95,28 +100,51 @@ def generate_launch_description():
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "node", default_value="contact", choices=["contact", "load"], description="which node it is"
+                "node",
+                default_value="contact",
+                choices=["contact", "load"],
+                description="which node it is",
             ),
-            DeclareLaunchArgument("params", default_value=healthy, description="ROS 2 parameter file"),
-            DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
+            DeclareLaunchArgument(
+                "params", default_value=healthy, description="ROS 2 parameter file"
+            ),
+            DeclareLaunchArgument(
+                "namespace", default_value="", description="of the node and its topics"
+            ),
             DeclareLaunchArgument("joint", default_value="", description="joint in joint_states"),
             DeclareLaunchArgument("record", default_value="", description="MCAP file to write"),
             DeclareLaunchArgument(
-                "rerun", default_value="", description="Rerun file (.rrd) to write, or serve, or spawn"
+                "rerun",
+                default_value="",
+                description="Rerun file (.rrd) to write, or serve, or spawn",
             ),
             DeclareLaunchArgument("rerun_port", default_value="", description="to serve on"),
             DeclareLaunchArgument(
-                "rerun_knees", default_value="", description="knees that share a viewer, as left,right"
+                "rerun_knees",
+                default_value="",
+                description="knees that share a viewer, as left,right",
             ),
             DeclareLaunchArgument(
-                "autostart", default_value="", choices=truth, description="configure and activate without being asked"
+                "autostart",
+                default_value="",
+                choices=truth,
+                description="configure and activate without being asked",
             ),
-            DeclareLaunchArgument("use_sim_time", default_value="", choices=truth, description="go by /clock"),
             DeclareLaunchArgument(
-                "respawn", default_value="true", choices=["true", "false"], description="start a node that died again"
+                "use_sim_time", default_value="", choices=truth, description="go by /clock"
             ),
-            DeclareLaunchArgument("respawn_delay", default_value="1.0", description="[s] before that"),
-            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
+            DeclareLaunchArgument(
+                "respawn",
+                default_value="true",
+                choices=["true", "false"],
+                description="start a node that died again",
+            ),
+            DeclareLaunchArgument(
+                "respawn_delay", default_value="1.0", description="[s] before that"
+            ),
+            DeclareLaunchArgument(
+                "log_level", default_value="info", description="debug, info, warn, error or fatal"
+            ),
             OpaqueFunction(function=knee_node),
         ]
     )

@@ -19,14 +19,25 @@ def generate_launch_description():
     node = PathJoinSubstitution([ThisLaunchFileDir(), "knee_contact.launch.py"])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("params", default_value=insole, description="ROS 2 parameter file"),
-            DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
+            DeclareLaunchArgument(
+                "params", default_value=insole, description="ROS 2 parameter file"
+            ),
+            DeclareLaunchArgument(
+                "namespace", default_value="", description="of the node and its topics"
+            ),
             DeclareLaunchArgument("record", default_value="", description="MCAP file to write"),
             DeclareLaunchArgument(
-                "respawn", default_value="true", choices=["true", "false"], description="start a node that died again"
+                "respawn",
+                default_value="true",
+                choices=["true", "false"],
+                description="start a node that died again",
             ),
-            DeclareLaunchArgument("respawn_delay", default_value="1.0", description="[s] before that"),
-            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
+            DeclareLaunchArgument(
+                "respawn_delay", default_value="1.0", description="[s] before that"
+            ),
+            DeclareLaunchArgument(
+                "log_level", default_value="info", description="debug, info, warn, error or fatal"
+            ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(node),
                 launch_arguments={

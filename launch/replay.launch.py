@@ -58,7 +58,11 @@ def knee_contact_node(context):
 
 def replay_process(context):
     """Process of the replay, which takes no ROS arguments. It waits for the node, which may have to compile first."""
-    command = [ExecutableInPackage(package=PACKAGE, executable="knee_contact"), "replay", LaunchConfiguration("bag")]
+    command = [
+        ExecutableInPackage(package=PACKAGE, executable="knee_contact"),
+        "replay",
+        LaunchConfiguration("bag"),
+    ]
     command += ["--rate", LaunchConfiguration("rate"), "--wait", "300"]
     if LaunchConfiguration("loop").perform(context) == "true":
         command += ["--loop"]
@@ -77,7 +81,11 @@ def node_and_replay(context):
 
     def after_node(event, _context):
         if view and event.returncode == 0:
-            command = [ExecutableInPackage(package=PACKAGE, executable="knee_contact"), "view", rerun]
+            command = [
+                ExecutableInPackage(package=PACKAGE, executable="knee_contact"),
+                "view",
+                rerun,
+            ]
             return [ExecuteProcess(cmd=command, name="view", output="screen")]
         return [Shutdown(reason="the node has ended")]
 
@@ -85,7 +93,10 @@ def node_and_replay(context):
     return [
         RegisterEventHandler(OnProcessExit(target_action=node, on_exit=after_node)),
         RegisterEventHandler(
-            OnProcessExit(target_action=replay, on_exit=[TimerAction(period=LAST_ANSWERS, actions=[stop_node])])
+            OnProcessExit(
+                target_action=replay,
+                on_exit=[TimerAction(period=LAST_ANSWERS, actions=[stop_node])],
+            )
         ),
         node,
         replay,
@@ -99,18 +110,33 @@ def generate_launch_description():
     truth = ["true", "false"]
     return LaunchDescription(
         [
-            DeclareLaunchArgument("bag", default_value=gait, description=".mcap file or rosbag2 folder"),
-            DeclareLaunchArgument("rate", default_value="1.0", description="seconds of the bag per second"),
-            DeclareLaunchArgument("loop", default_value="false", choices=truth, description="start over at the end"),
             DeclareLaunchArgument(
-                "clock", default_value="false", choices=truth, description="publish /clock, go by it"
+                "bag", default_value=gait, description=".mcap file or rosbag2 folder"
             ),
-            DeclareLaunchArgument("params", default_value=healthy, description="ROS 2 parameter file"),
+            DeclareLaunchArgument(
+                "rate", default_value="1.0", description="seconds of the bag per second"
+            ),
+            DeclareLaunchArgument(
+                "loop", default_value="false", choices=truth, description="start over at the end"
+            ),
+            DeclareLaunchArgument(
+                "clock",
+                default_value="false",
+                choices=truth,
+                description="publish /clock, go by it",
+            ),
+            DeclareLaunchArgument(
+                "params", default_value=healthy, description="ROS 2 parameter file"
+            ),
             DeclareLaunchArgument("record", default_value="", description="MCAP file to write"),
             DeclareLaunchArgument(
-                "rerun", default_value="", description="Rerun file (.rrd) to write, or serve, or spawn"
+                "rerun",
+                default_value="",
+                description="Rerun file (.rrd) to write, or serve, or spawn",
             ),
-            DeclareLaunchArgument("view", default_value="false", choices=truth, description="open the Rerun file"),
+            DeclareLaunchArgument(
+                "view", default_value="false", choices=truth, description="open the Rerun file"
+            ),
             OpaqueFunction(function=node_and_replay),
         ]
     )

@@ -6,7 +6,12 @@ is closed. RViz shows `knee_contact/markers`, and shank and thigh (urdf/knee.urd
 robot_state_publisher. `-s` lists all arguments.
 """
 
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction, Shutdown
+from launch.actions import (
+    DeclareLaunchArgument,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    Shutdown,
+)
 from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import FileContent, LaunchConfiguration, PathJoinSubstitution
@@ -29,7 +34,9 @@ def viewers(context):
     time = {"use_sim_time": LaunchConfiguration("clock").perform(context) == "true"}
     body = {"robot_description": ParameterValue(urdf, value_type=str)} | time
     nodes = [
-        Node(package="robot_state_publisher", executable="robot_state_publisher", parameters=[body]),
+        Node(
+            package="robot_state_publisher", executable="robot_state_publisher", parameters=[body]
+        ),
         Node(
             package="rviz2",
             executable="rviz2",
@@ -41,7 +48,9 @@ def viewers(context):
     frame = LaunchConfiguration("frame").perform(context)
     if frame != ISB:
         same = ["--frame-id", ISB, "--child-frame-id", frame]
-        nodes.append(Node(package="tf2_ros", executable="static_transform_publisher", arguments=same))
+        nodes.append(
+            Node(package="tf2_ros", executable="static_transform_publisher", arguments=same)
+        )
     return nodes
 
 
@@ -52,11 +61,24 @@ def generate_launch_description():
     truth = ["true", "false"]
     return LaunchDescription(
         [
-            DeclareLaunchArgument("bag", default_value=gait, description=".mcap file or rosbag2 folder"),
-            DeclareLaunchArgument("frame", default_value="tibia_r", description="frame_id of the forces"),
-            DeclareLaunchArgument("replay", default_value="true", choices=truth, description="with node and bag"),
-            DeclareLaunchArgument("loop", default_value="true", choices=truth, description="start over at the end"),
-            DeclareLaunchArgument("clock", default_value="true", choices=truth, description="publish /clock, go by it"),
+            DeclareLaunchArgument(
+                "bag", default_value=gait, description=".mcap file or rosbag2 folder"
+            ),
+            DeclareLaunchArgument(
+                "frame", default_value="tibia_r", description="frame_id of the forces"
+            ),
+            DeclareLaunchArgument(
+                "replay", default_value="true", choices=truth, description="with node and bag"
+            ),
+            DeclareLaunchArgument(
+                "loop", default_value="true", choices=truth, description="start over at the end"
+            ),
+            DeclareLaunchArgument(
+                "clock",
+                default_value="true",
+                choices=truth,
+                description="publish /clock, go by it",
+            ),
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(replay),
                 launch_arguments={

@@ -22,11 +22,19 @@ PACKAGE = "knee_contact_ros"
 def arguments(side):
     healthy = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "healthy.yaml"])
     return [
-        DeclareLaunchArgument(f"{side}_params", default_value=healthy, description="ROS 2 parameter file"),
-        DeclareLaunchArgument(f"{side}_joint", default_value="", description="joint in joint_states"),
-        DeclareLaunchArgument(f"{side}_record", default_value="", description="MCAP file to write"),
         DeclareLaunchArgument(
-            f"{side}_rerun", default_value=LaunchConfiguration("rerun"), description="Rerun file (.rrd) to write"
+            f"{side}_params", default_value=healthy, description="ROS 2 parameter file"
+        ),
+        DeclareLaunchArgument(
+            f"{side}_joint", default_value="", description="joint in joint_states"
+        ),
+        DeclareLaunchArgument(
+            f"{side}_record", default_value="", description="MCAP file to write"
+        ),
+        DeclareLaunchArgument(
+            f"{side}_rerun",
+            default_value=LaunchConfiguration("rerun"),
+            description="Rerun file (.rrd) to write",
         ),
     ]
 
@@ -61,19 +69,35 @@ def generate_launch_description():
     truth = ["", "true", "false"]
     return LaunchDescription(
         [
-            DeclareLaunchArgument("rerun", default_value="", description="serve: both knees to one viewer"),
+            DeclareLaunchArgument(
+                "rerun", default_value="", description="serve: both knees to one viewer"
+            ),
             *arguments("left"),
             *arguments("right"),
-            DeclareLaunchArgument("joint_states", default_value="joint_states", description="topic of the angles"),
             DeclareLaunchArgument(
-                "autostart", default_value="", choices=truth, description="configure and activate without being asked"
+                "joint_states", default_value="joint_states", description="topic of the angles"
             ),
-            DeclareLaunchArgument("use_sim_time", default_value="", choices=truth, description="go by /clock"),
             DeclareLaunchArgument(
-                "respawn", default_value="true", choices=["true", "false"], description="start a node that died again"
+                "autostart",
+                default_value="",
+                choices=truth,
+                description="configure and activate without being asked",
             ),
-            DeclareLaunchArgument("respawn_delay", default_value="1.0", description="[s] before that"),
-            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
+            DeclareLaunchArgument(
+                "use_sim_time", default_value="", choices=truth, description="go by /clock"
+            ),
+            DeclareLaunchArgument(
+                "respawn",
+                default_value="true",
+                choices=["true", "false"],
+                description="start a node that died again",
+            ),
+            DeclareLaunchArgument(
+                "respawn_delay", default_value="1.0", description="[s] before that"
+            ),
+            DeclareLaunchArgument(
+                "log_level", default_value="info", description="debug, info, warn, error or fatal"
+            ),
             knee("left", "9876"),
             knee("right", "9877"),
         ]

@@ -18,16 +18,25 @@ from tabulate import tabulate
 ROOT = Path(__file__).parents[1]
 PACKAGE = "knee_contact_ros"
 NO_CODE = {
-    tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENCODING,
     tokenize.ENDMARKER,
-}  # fmt: skip
+}
 
 
 def code_lines(source: str) -> int:
     """Lines of a module that hold more than a comment or a docstring, an attribute's included."""
     words: set[int] = set()
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
             words.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     code: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
@@ -39,7 +48,11 @@ def code_lines(source: str) -> int:
 def lines_in(folder: Path) -> tuple[int, int, int]:
     """Modules, all lines, and lines of code."""
     sources = [path.read_text(encoding="utf-8") for path in folder.rglob("*.py")]
-    return len(sources), sum(len(source.splitlines()) for source in sources), sum(map(code_lines, sources))
+    return (
+        len(sources),
+        sum(len(source.splitlines()) for source in sources),
+        sum(map(code_lines, sources)),
+    )
 
 
 def room(module: str) -> str:
@@ -70,7 +83,12 @@ def longest_chain(folder: Path) -> int:
         tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
         found = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
         words = {f"{node.module}.{alias.name}" for node in found for alias in node.names}
-        own = {other for other in names for word in words if f"{PACKAGE}.{folder.name}.{other}." in f"{word}."}
+        own = {
+            other
+            for other in names
+            for word in words
+            if f"{PACKAGE}.{folder.name}.{other}." in f"{word}."
+        }
         return 1 + max(map(below, own - {name}), default=0)
 
     return max(map(below, names), default=0)
@@ -85,7 +103,9 @@ def entered_in_a_tick() -> tuple[int, int]:
     for time, angle, load in zip(*gait("right"), strict=True):
         entered: set[CodeType] = set()
 
-        def note(frame: FrameType, event: str, _argument: Any, entered: set[CodeType] = entered) -> None:
+        def note(
+            frame: FrameType, event: str, _argument: Any, entered: set[CodeType] = entered
+        ) -> None:
             if event == "call":
                 entered.add(frame.f_code)
 
@@ -104,24 +124,39 @@ def figures() -> dict[str, int]:
     inner = [module for module in graph.modules if module != PACKAGE]
     importers = {module: graph.find_modules_that_directly_import(module) for module in inner}
     packages = {module for module in inner if graph.find_children(module)}
-    arrows = [(room(one), room(module)) for module in inner for one in importers[module] if room(one) != room(module)]
+    arrows = [
+        (room(one), room(module))
+        for module in inner
+        for one in importers[module]
+        if room(one) != room(module)
+    ]
     floors, circles = floors_of(
         {one: {lower for upper, lower in arrows if upper == one and lower} for one, _ in arrows}
     )
-    sources = [p.read_text(encoding="utf-8") for p in (ROOT / PACKAGE).rglob("*.py") if p.name != "__init__.py"]
+    sources = [
+        p.read_text(encoding="utf-8")
+        for p in (ROOT / PACKAGE).rglob("*.py")
+        if p.name != "__init__.py"
+    ]
     model_modules, _, model_code = lines_in(ROOT / PACKAGE / "model")
     functions, files = entered_in_a_tick()
     return {
         "modules": modules,
-        "modules at the root": len([p for p in (ROOT / PACKAGE).glob("*.py") if p.name != "__init__.py"]),
+        "modules at the root": len(
+            [p for p in (ROOT / PACKAGE).glob("*.py") if p.name != "__init__.py"]
+        ),
         "lines": lines,
         "lines of code": code,
         "rooms": len({room(module) for module in inner} - {""}),
         "floors": floors,
         "circles of rooms": circles,
         "imports between rooms": len(arrows),
-        "modules of less than 25 lines of code": sum(code_lines(source) < 25 for source in sources),
-        "modules with one importer": sum(len(importers[module]) == 1 for module in inner if module not in packages),
+        "modules of less than 25 lines of code": sum(
+            code_lines(source) < 25 for source in sources
+        ),
+        "modules with one importer": sum(
+            len(importers[module]) == 1 for module in inner if module not in packages
+        ),
         "modules of the model": model_modules,
         "lines of code of the model": model_code,
         "longest chain of imports in the model": longest_chain(ROOT / PACKAGE / "model"),

@@ -20,7 +20,12 @@ from decimal import Decimal
 from pathlib import Path
 
 from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES
 
 ORIGIN = {
@@ -80,7 +85,9 @@ def ground_force(row: dict[str, str], stamp: int, _side: str) -> WrenchStamped:
 Wrench = Callable[[dict[str, str], int, str], WrenchStamped]
 
 
-def make_bag(table: Path, folder: Path, topics: tuple[str, str], wrench_at: Wrench, origin: dict[str, str]) -> None:
+def make_bag(
+    table: Path, folder: Path, topics: tuple[str, str], wrench_at: Wrench, origin: dict[str, str]
+) -> None:
     """Write a table's angles and a wrench as a rosbag2 folder, which replaces the one that is there."""
     side = table.stem.rsplit("_", 1)[-1]
     shutil.rmtree(folder, ignore_errors=True)
@@ -91,7 +98,9 @@ def make_bag(table: Path, folder: Path, topics: tuple[str, str], wrench_at: Wren
         bag.add_metadata("origin", origin)
         for row in rows_of(table):
             stamp = int(Decimal(row["t"]) * 1_000_000_000)
-            angle = JointState(stamp, "", ("knee",), (float(row["knee_angle"]),), (float(row["knee_vel"]),), ())
+            angle = JointState(
+                stamp, "", ("knee",), (float(row["knee_angle"]),), (float(row["knee_vel"]),), ()
+            )
             bag.write(f"/{topics[0]}", stamp, encode_joint_state(angle))
             bag.write(f"/{topics[1]}", stamp, encode_wrench_stamped(wrench_at(row, stamp, side)))
     print(f"{folder} from {table}")
@@ -103,7 +112,9 @@ def main() -> int:
     for table in sorted(tables.glob("gait2354_*.csv")):
         make_bag(table, bags / table.stem, INPUTS, joint_reaction, ORIGIN)
     right = "gait2354_right"
-    make_bag(tables / f"{right}.csv", bags / f"{right}_sensors", LOAD_INPUTS, ground_force, SENSORS)
+    make_bag(
+        tables / f"{right}.csv", bags / f"{right}_sensors", LOAD_INPUTS, ground_force, SENSORS
+    )
     return 0
 
 

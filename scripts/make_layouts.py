@@ -21,9 +21,14 @@ import click
 from knee_contact_ros.model.types import FIELDS, ContactState, Fidelity, Status
 
 COLOURS = {
-    "blue": (110, 170, 235), "red": (235, 95, 80), "grey": (140, 150, 175), "yellow": (250, 200, 70),
-    "green": (110, 200, 130), "sand": (205, 175, 120), "violet": (190, 140, 230),
-}  # fmt: skip
+    "blue": (110, 170, 235),
+    "red": (235, 95, 80),
+    "grey": (140, 150, 175),
+    "yellow": (250, 200, 70),
+    "green": (110, 200, 130),
+    "sand": (205, 175, 120),
+    "violet": (190, 140, 230),
+}
 """Red, green and blue from 0 to 255"""
 STATES = "Contact, level of the model, status"
 JOINTS = "Joint positions [rad]"
@@ -63,26 +68,62 @@ class Plot(NamedTuple):
         return self.with_unit(f"{self.title}: {names}" if len(self.curves) > 1 else self.title)
 
 
-OWN = [Plot(field.plot, field.unit, (Curve(name, name.replace("_", " "), "green"),)) for name, field in FIELDS.items()
-       if field.plot]  # fmt: skip
+OWN = [
+    Plot(field.plot, field.unit, (Curve(name, name.replace("_", " "), "green"),))
+    for name, field in FIELDS.items()
+    if field.plot
+]
 """Plots of the fields whose declaration gives a title"""
 PLOTS = (
     Plot("Flexion angle", "rad", (Curve("flexion_angle", "flexion angle", "blue", 2.0),)),
-    Plot("Force", "N", (Curve("load", "load", "grey", 4.0), Curve("contact_force", "contact force", "red"))),
-    Plot("Depth", "m", (Curve("penetration_depth", "penetration", "blue", 2.0),
-                        Curve("bone_depth", "in the second layer", "sand"), Curve("gap", "gap", "grey"))),
-    Plot("Contact point", "m", (Curve("contact_point.x", "anterior", "yellow", 3.0),
-                                Curve("contact_point.y", "superior", "green"))),
+    Plot(
+        "Force",
+        "N",
+        (Curve("load", "load", "grey", 4.0), Curve("contact_force", "contact force", "red")),
+    ),
+    Plot(
+        "Depth",
+        "m",
+        (
+            Curve("penetration_depth", "penetration", "blue", 2.0),
+            Curve("bone_depth", "in the second layer", "sand"),
+            Curve("gap", "gap", "grey"),
+        ),
+    ),
+    Plot(
+        "Contact point",
+        "m",
+        (
+            Curve("contact_point.x", "anterior", "yellow", 3.0),
+            Curve("contact_point.y", "superior", "green"),
+        ),
+    ),
     *OWN,
     Plot("Evaluations per tick", "", (Curve("evaluations", "evaluations", "violet"),)),
     Plot("Error of the depth", "m", (Curve("error_estimate", "error estimate", "yellow"),)),
-    Plot("Error of the force", "N", (Curve("force_error_estimate", "force error estimate", "red"),)),
-    Plot("Joint reaction", "N", (Curve("wrench.force.x", "anterior", "blue"),
-                                 Curve("wrench.force.y", "superior", "red", 2.0),
-                                 Curve("wrench.force.z", "right", "grey")), "joint_reaction_force"),
-    Plot("Force on the tibia", "N", (Curve("wrench.force.x", "anterior", "blue"),
-                                     Curve("wrench.force.y", "superior", "red", 2.0)), "knee_contact/wrench"),
-)  # fmt: skip
+    Plot(
+        "Error of the force", "N", (Curve("force_error_estimate", "force error estimate", "red"),)
+    ),
+    Plot(
+        "Joint reaction",
+        "N",
+        (
+            Curve("wrench.force.x", "anterior", "blue"),
+            Curve("wrench.force.y", "superior", "red", 2.0),
+            Curve("wrench.force.z", "right", "grey"),
+        ),
+        "joint_reaction_force",
+    ),
+    Plot(
+        "Force on the tibia",
+        "N",
+        (
+            Curve("wrench.force.x", "anterior", "blue"),
+            Curve("wrench.force.y", "superior", "red", 2.0),
+        ),
+        "knee_contact/wrench",
+    ),
+)
 
 
 class Lane(NamedTuple):
@@ -101,7 +142,10 @@ def words_of(kind: type[ContactState | Fidelity]) -> dict[int, str]:
 
 
 STATUS = {
-    value: " + ".join(str(bit.name).lower().replace("_", " ") for bit in Status if bit and value & bit) or "ok"
+    value: " + ".join(
+        str(bit.name).lower().replace("_", " ") for bit in Status if bit and value & bit
+    )
+    or "ok"
     for value in range(1 << len([bit for bit in Status if bit]))
 }
 """Words for every combination of status bits"""
@@ -134,9 +178,15 @@ def code(colour: str) -> str:
 LOGARITHMIC = ("error_estimate", "force_error_estimate")
 """Fields that are plotted as logarithms, as they are too small for the three decimals of Lichtblick's axes"""
 AXES = {
-    "xAxisVal": "timestamp", "isSynced": True, "showLegend": False, "legendDisplay": "none",
-    "showPlotValuesInLegend": False, "showXAxisLabels": True, "showYAxisLabels": True, "sidebarDimension": 240,
-}  # fmt: skip
+    "xAxisVal": "timestamp",
+    "isSynced": True,
+    "showLegend": False,
+    "legendDisplay": "none",
+    "showPlotValuesInLegend": False,
+    "showXAxisLabels": True,
+    "showYAxisLabels": True,
+    "sidebarDimension": 240,
+}
 Mosaic = Any
 """Arrangement of panels: the id of a panel, or two arrangements side by side or one above the other"""
 
@@ -152,36 +202,66 @@ def foxglove(namespace: str = "") -> dict[str, Any]:
 
     def series(value: str, label: str, curve: Curve) -> dict[str, Any]:
         look = {"color": code(curve.colour), "showLine": True, "lineSize": curve.width / 2.0}
-        return {"value": value, "label": label, "enabled": True, "timestampMethod": "headerStamp", **look}
+        return {
+            "value": value,
+            "label": label,
+            "enabled": True,
+            "timestampMethod": "headerStamp",
+            **look,
+        }
 
     panels: dict[str, dict[str, Any]] = {}
     for number, plot in enumerate(PLOTS):
         logarithm = plot.curves[0].field in LOGARITHMIC
         before, after = ("log10 of ", ".@log10") if logarithm else ("", "")
-        lines = [series(path(plot.topic, curve.field) + after, before + plot.with_unit(curve.name), curve)
-                 for curve in reversed(plot.curves)]  # the first is drawn in front  # fmt: skip
+        lines = [
+            series(
+                path(plot.topic, curve.field) + after, before + plot.with_unit(curve.name), curve
+            )
+            for curve in reversed(plot.curves)
+        ]  # the first is drawn in front
         panels[f"Plot!{number}"] = titled(before + plot.headline) | AXES | {"paths": lines}
     ids = list(panels)
     joint = Curve("position[0]", "first joint [rad]", "blue")
     joints = [series(path("joint_states", joint.field), joint.name, joint)]
     panels[f"Plot!{len(PLOTS)}"] = titled(JOINTS) | AXES | {"paths": joints}
-    lanes = [{"value": path("knee_contact", lane.field), "label": lane.title, "timestampMethod": "headerStamp"}
-             for lane in LANES]  # fmt: skip
+    lanes = [
+        {
+            "value": path("knee_contact", lane.field),
+            "label": lane.title,
+            "timestampMethod": "headerStamp",
+        }
+        for lane in LANES
+    ]
     panels["StateTransitions!states"] = titled(STATES) | {"isSynced": True, "paths": lanes}
     messages = {
-        f"RawMessages!{name}": {"topicPath": absolute(topic, namespace), "diffEnabled": False, "diffMethod": "custom",
-                                "diffTopicPath": ""}
+        f"RawMessages!{name}": {
+            "topicPath": absolute(topic, namespace),
+            "diffEnabled": False,
+            "diffMethod": "custom",
+            "diffTopicPath": "",
+        }
         for name, topic in (("answer", "knee_contact"), ("joints", "joint_states"))
-    }  # fmt: skip
-    messages["DiagnosticSummary!node"] = {"topicToRender": "/diagnostics", "minLevel": 0, "pinnedIds": []}
+    }
+    messages["DiagnosticSummary!node"] = {
+        "topicToRender": "/diagnostics",
+        "minLevel": 0,
+        "pinnedIds": [],
+    }
     inputs = mosaic("column", [*ids[ON_THE_KNEE:], f"Plot!{len(PLOTS)}"])
     states_and_inputs = mosaic("column", ["StateTransitions!states", inputs], share=30.0)
     knee = mosaic("row", [mosaic("column", ids[:ON_THE_KNEE]), states_and_inputs])
-    tabs = [{"title": "Knee", "layout": knee}, {"title": "Messages", "layout": mosaic("row", list(messages))}]
+    tabs = [
+        {"title": "Knee", "layout": knee},
+        {"title": "Messages", "layout": mosaic("row", list(messages))},
+    ]
     return {
         "configById": {"Tab!knee": {"activeTabIdx": 0, "tabs": tabs}} | panels | messages,
-        "globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}, "layout": "Tab!knee",
-    }  # fmt: skip
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": "Tab!knee",
+    }
 
 
 def mosaic(direction: str, parts: Sequence[Mosaic], share: float | None = None) -> Mosaic:
@@ -204,7 +284,10 @@ SMALL = {"error_estimate": ("um", 1e6)}
 def plotjuggler(namespace: str = "", version: int = 3) -> str:
     """Layout file for PlotJuggler 3, or for 4 (`.pj4.xml`), which applies to any open recording, as XML text."""
     converts = version == 3
-    root = ET.Element("root", {} if converts else {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"})
+    root = ET.Element(
+        "root",
+        {} if converts else {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"},
+    )
     window = ET.SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
 
     def area(plot: Plot, style: str = "Lines") -> ET.Element:
@@ -217,33 +300,51 @@ def plotjuggler(namespace: str = "", version: int = 3) -> str:
             if not converts:
                 ET.SubElement(content, "curve", topic=topic, field=field, color=code(each.colour))
                 continue
-            curve = ET.SubElement(content, "curve", name=f"{topic}/{field}", color=code(each.colour))
-            transform = ET.SubElement(curve, "transform", name="Scale/Offset", alias=shown.with_unit(each.name))
-            ET.SubElement(transform, "options", value_scale=repr(factor), value_offset="0", time_offset="0")
+            curve = ET.SubElement(
+                content, "curve", name=f"{topic}/{field}", color=code(each.colour)
+            )
+            transform = ET.SubElement(
+                curve, "transform", name="Scale/Offset", alias=shown.with_unit(each.name)
+            )
+            ET.SubElement(
+                transform, "options", value_scale=repr(factor), value_offset="0", time_offset="0"
+            )
         return dock
 
-    angle, force, depth, point, *own, evaluations, error, force_error, reaction, wrench = map(area, PLOTS)
+    angle, force, depth, point, *own, evaluations, error, force_error, reaction, wrench = map(
+        area, PLOTS
+    )
     colours = ("blue", "violet", "red")
-    lanes = tuple(Curve(lane.field, lane.title, colour) for lane, colour in zip(LANES, colours, strict=True))
+    lanes = tuple(
+        Curve(lane.field, lane.title, colour) for lane, colour in zip(LANES, colours, strict=True)
+    )
     states = area(Plot("Contact, level, status", "", lanes), "Steps")
-    joint = area(Plot("Joint position", "rad", (Curve("knee.position", "knee", "blue"),), "joint_states"))
+    joint = area(
+        Plot("Joint position", "rad", (Curve("knee.position", "knee", "blue"),), "joint_states")
+    )
     for name, *columns in (
         ("Contact", [angle, force, depth], [states, point, *own]),
         ("Load, error and cost", [joint, reaction, wrench], [error, force_error, evaluations]),
     ):
         tab = ET.SubElement(window, "Tab", containers="1", tab_name=str(name))
-        ET.SubElement(tab, "Container").append(split("|", [split("-", list(column)) for column in columns]))
+        ET.SubElement(tab, "Container").append(
+            split("|", [split("-", list(column)) for column in columns])
+        )
     ET.SubElement(window, "currentTabIndex", index="0")
     if converts:
         ET.SubElement(root, "use_relative_time_offset", enabled="1")
     ET.indent(root)
-    return "<?xml version='1.0' encoding='UTF-8'?>\n" + ET.tostring(root, encoding="unicode") + "\n"
+    return (
+        "<?xml version='1.0' encoding='UTF-8'?>\n" + ET.tostring(root, encoding="unicode") + "\n"
+    )
 
 
 def split(orientation: str, parts: Sequence[ET.Element]) -> ET.Element:
     """Arrange parts side by side (`|`) or one above the other (`-`), all of the same size."""
     sizes = ";".join([f"{1.0 / len(parts):.4f}"] * len(parts))
-    splitter = ET.Element("DockSplitter", orientation=orientation, count=str(len(parts)), sizes=sizes)
+    splitter = ET.Element(
+        "DockSplitter", orientation=orientation, count=str(len(parts)), sizes=sizes
+    )
     splitter.extend(parts)
     return splitter
 
@@ -258,7 +359,12 @@ def files(namespace: str = "") -> Iterator[tuple[str, str]]:
 
 @click.command(help=__doc__)
 @click.option("--namespace", default="", callback=checked, help="For /NAMESPACE/knee_contact.")
-@click.option("--output", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for all.")
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for all.",
+)
 def main(namespace: str, output: Path) -> None:
     """Write the layouts into the folders `foxglove` and `plotjuggler` of the output folder."""
     for file, text in files(namespace):

@@ -33,37 +33,63 @@ UNIT = re.compile(r"^\[([^]]+)\] ?")
 SECTION = re.compile(r"^(Args|Returns|Raises|Yields):$", re.MULTILINE)
 PYTHON = {
     "Functions": [
-        "load_model", "solve", "estimate_load", "uncertainty", "sweep", "sensitivity", "calibrate", "UsageError",
+        "load_model",
+        "solve",
+        "estimate_load",
+        "uncertainty",
+        "sweep",
+        "sensitivity",
+        "calibrate",
+        "UsageError",
         "streams.strides.strides_of",
     ],
-    "The model": ["model.knee.KneeModel: run stream readouts uncertainty plausible_depth cartilage_thickness",
-                  "model.knee.Stream: tick"],
+    "The model": [
+        "model.knee.KneeModel: run stream readouts uncertainty plausible_depth cartilage_thickness",
+        "model.knee.Stream: tick",
+    ],
     "Answers": [
-        "Results: time readouts to_pandas to_polars to_xarray to_parquet plot", "model.types.Contact",
-        "model.types.Point", "model.types.Wrench", "model.types.ContactState", "model.types.Fidelity",
-        "model.types.Status", "model.readouts.ContactPatch",
+        "Results: time readouts to_pandas to_polars to_xarray to_parquet plot",
+        "model.types.Contact",
+        "model.types.Point",
+        "model.types.Wrench",
+        "model.types.ContactState",
+        "model.types.Fidelity",
+        "model.types.Status",
+        "model.readouts.ContactPatch",
     ],
     "Studies": [
-        "lab.uncertainty.Uncertainty", "lab.uncertainty.Propagated", "lab.sweep.Cohort",
-        "lab.sensitivity.Sensitivity: outcomes remarks cohort to_pandas", "lab.calibrate.Calibration",
-        "lab.calibrate.fit.Interval", "streams.strides.Stride",
+        "lab.uncertainty.Uncertainty",
+        "lab.uncertainty.Propagated",
+        "lab.sweep.Cohort",
+        "lab.sensitivity.Sensitivity: outcomes remarks cohort to_pandas",
+        "lab.calibrate.Calibration",
+        "lab.calibrate.fit.Interval",
+        "streams.strides.Stride",
         "streams.strides.Span: duration stance percent",
     ],
-}  # fmt: skip
+}
 """Public names within the package, by heading; behind a colon, those members of a class that are public"""
 
 
 def parameters() -> str:
     """Tables of all parameters of both nodes."""
     lines = [
-        "# Parameters", "", MADE, "",
+        "# Parameters",
+        "",
+        MADE,
+        "",
         "A parameter file holds these names under `NODE: ros__parameters:`. A value that is not allowed ends a command",
         "with code 2. *Live*: the parameter may change while the node runs. `femur.*`, `tibia.*` and `contact.*` have",
         "lateral twins such as `lateral.femur.radius`, which follow the medial ones unless you set them.",
-    ]  # fmt: skip
+    ]
     for kind in (CONTACT_NODE, LOAD_NODE):
-        lines += ["", f"## {kind.schema.node}", "", "| parameter | meaning | default | range | live |",
-                  "|---|---|---|---|---|"]  # fmt: skip
+        lines += [
+            "",
+            f"## {kind.schema.node}",
+            "",
+            "| parameter | meaning | default | range | live |",
+            "|---|---|---|---|---|",
+        ]
         for name, declaration in known_parameters(kind.schema).items():
             if not name.startswith(LATERAL):
                 unit = UNIT.match(declaration.description)
@@ -91,8 +117,14 @@ def allowed(declaration: Declaration) -> str:
 
 def commands() -> str:
     """Help of all commands, by group."""
-    lines = ["# Commands", "", MADE, "", "Exit codes: 0 done, 1 done in part (a damaged bag, a full disk), 2 bad input "
-             "(one line says what would be right), 130 interrupted by Ctrl-C."]  # fmt: skip
+    lines = [
+        "# Commands",
+        "",
+        MADE,
+        "",
+        "Exit codes: 0 done, 1 done in part (a damaged bag, a full disk), 2 bad input "
+        "(one line says what would be right), 130 interrupted by Ctrl-C.",
+    ]
     for heading, group in GROUPS.items():
         lines += ["", f"## {heading}"]
         for name in (str(command.name) for command in group):
@@ -105,8 +137,14 @@ def help_of(name: str) -> str:
     command = knee_contact.commands[name]
     parent = click.Context(knee_contact, info_name="knee-contact")
     settings = {**command.context_settings, **knee_contact.context_settings}
-    context = click.Context(command, info_name=name, parent=parent, max_content_width=WIDTH, terminal_width=WIDTH,
-                            **settings)  # fmt: skip
+    context = click.Context(
+        command,
+        info_name=name,
+        parent=parent,
+        max_content_width=WIDTH,
+        terminal_width=WIDTH,
+        **settings,
+    )
     return command.get_help(context)
 
 
@@ -127,8 +165,14 @@ def messages() -> str:
 
 def python() -> str:
     """Public names in Python with their docstrings."""
-    lines = ["# Python", "", MADE, "", "`import knee_contact_ros` needs no ROS. [The how-to](../how-to/python.md) has "
-             "examples. A name with dots is imported from that module of `knee_contact_ros`."]  # fmt: skip
+    lines = [
+        "# Python",
+        "",
+        MADE,
+        "",
+        "`import knee_contact_ros` needs no ROS. [The how-to](../how-to/python.md) has "
+        "examples. A name with dots is imported from that module of `knee_contact_ros`.",
+    ]
     for heading, names in PYTHON.items():
         lines += ["", f"## {heading}"]
         for entry in names:
@@ -150,8 +194,10 @@ def documented(name: str, item: Any) -> Iterator[str]:
 
 def signature(item: Any) -> str:
     """Names and defaults of the arguments; the docstring has their types and units."""
-    arguments = [argument.replace(annotation=inspect.Parameter.empty)
-                 for argument in inspect.signature(item).parameters.values()]  # fmt: skip
+    arguments = [
+        argument.replace(annotation=inspect.Parameter.empty)
+        for argument in inspect.signature(item).parameters.values()
+    ]
     return str(inspect.Signature(arguments))
 
 
@@ -168,7 +214,10 @@ def members_of(item: type, only: list[str]) -> Iterator[str]:
     for node, after in zip(body, [*body[1:], None], strict=True):
         if isinstance(node, ast.FunctionDef):
             name, text = node.name, ast.get_docstring(node) or ""
-            if not any(isinstance(each, ast.Name) and "property" in each.id for each in node.decorator_list):
+            if not any(
+                isinstance(each, ast.Name) and "property" in each.id
+                for each in node.decorator_list
+            ):
                 name += signature(getattr(item, node.name))
         elif isinstance(node, ast.AnnAssign | ast.Assign):
             name = (node.target if isinstance(node, ast.AnnAssign) else node.targets[0]).id

@@ -24,7 +24,12 @@ from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from studies.honesty.scenes import Scene, draw
 from tests.helpers.bags import Mcap
 
@@ -47,8 +52,11 @@ def scene_files(folder: Path, seed: int) -> list[str]:
     changes = {
         "contact": {"law": scene.law, "allow_tension": scene.allow_tension, **scene.arguments},
         "femur": {"mass": scene.mass},
-        "fidelity": {"tolerance": float(10 ** dice.uniform(-9, -5)), "budget": int(dice.choice([0, 0, 100, 300]))},
-    }  # fmt: skip
+        "fidelity": {
+            "tolerance": float(10 ** dice.uniform(-9, -5)),
+            "budget": int(dice.choice([0, 0, 100, 300])),
+        },
+    }
     path = folder / f"{seed}.yaml"
     with path.open("w", encoding="utf-8") as file:
         YAML(typ="safe").dump({"/**": {"ros__parameters": changes}}, file)
@@ -66,7 +74,10 @@ def random_messages(scene: Scene, dice: np.random.Generator) -> list[RawMessage]
     shift = int(dice.choice([0, 0, 1_300_000]))
     messages = []
     for stamp, value, axial in zip(stamps, scene.angle.tolist(), scene.load.tolist(), strict=True):
-        late, ahead = (int(dice.choice([0, -50_000_000, 5_000_000_000])) if dice.random() < 1 / 60 else 0 for _ in "ab")
+        late, ahead = (
+            int(dice.choice([0, -50_000_000, 5_000_000_000])) if dice.random() < 1 / 60 else 0
+            for _ in "ab"
+        )
         number = float(dice.choice([np.nan, 1e9])) if dice.random() < 1 / 60 else value
         angles = JointState(stamp + shift + late, "", ("knee",), (number,), (), ())
         forces = WrenchStamped(stamp + ahead, "tibia_r", (0.0, -2.0 * axial, 0.0), (0.0, 0.0, 0.0))
@@ -80,12 +91,23 @@ def random_messages(scene: Scene, dice: np.random.Generator) -> list[RawMessage]
 def solved(checkout: Path, every: list[list[str]], folder: Path) -> list[int]:
     """Solve all bags with a checkout; return its exit codes."""
     folder.mkdir()
-    jobs = [[*arguments, "--output", str(folder / f"{number}.mcap")] for number, arguments in enumerate(every)]
+    jobs = [
+        [*arguments, "--output", str(folder / f"{number}.mcap")]
+        for number, arguments in enumerate(every)
+    ]
     own = checkout.absolute() / ".venv" / "bin" / "python"
     command = [str(own) if own.exists() else sys.executable, "-c", RUN]
-    path = os.environ | {"PYTHONPATH": str(checkout.absolute())}  # which comes before what is installed
+    path = os.environ | {
+        "PYTHONPATH": str(checkout.absolute())
+    }  # which comes before what is installed
     done = subprocess.run(
-        command, cwd=checkout, env=path, input=json.dumps(jobs), capture_output=True, text=True, check=True
+        command,
+        cwd=checkout,
+        env=path,
+        input=json.dumps(jobs),
+        capture_output=True,
+        text=True,
+        check=True,
     )
     codes: list[int] = json.loads(done.stderr.splitlines()[-1])
     return codes
@@ -111,18 +133,27 @@ def main(other: Path, first: int, scenes: int) -> None:
         bags = sorted(str(bag) for bag in (ROOT / "bags").iterdir() if bag.is_dir())
         shipped = [str(ROOT / "config" / f"{name}.yaml") for name in SHIPPED]
         lateral = ["--params", str(ROOT / "config" / "both_compartments.yaml")]
-        jobs = [[bag, "--params", parameters, *more] for bag, parameters, more in product(bags, shipped, ([], lateral))]
+        jobs = [
+            [bag, "--params", parameters, *more]
+            for bag, parameters, more in product(bags, shipped, ([], lateral))
+        ]
         jobs += [scene_files(folder, seed) for seed in range(first, first + scenes)]
         with ThreadPoolExecutor() as pool:
-            codes = list(pool.map(solved, (ROOT, other), (jobs, jobs), (folder / "ours", folder / "theirs")))
+            codes = list(
+                pool.map(solved, (ROOT, other), (jobs, jobs), (folder / "ours", folder / "theirs"))
+            )
         messages, different = 0, []
         for number, arguments in enumerate(jobs):
-            ours, theirs = (messages_of(folder / side / f"{number}.mcap") for side in ("ours", "theirs"))
+            ours, theirs = (
+                messages_of(folder / side / f"{number}.mcap") for side in ("ours", "theirs")
+            )
             messages += len(ours)
             if ours != theirs or codes[0][number] != codes[1][number]:
                 different.append(arguments)
         failed = sum(code != 0 for code in codes[0])
-        click.echo(f"{len(jobs)} computations ({failed} refused), {messages} messages, {len(different)} different")
+        click.echo(
+            f"{len(jobs)} computations ({failed} refused), {messages} messages, {len(different)} different"
+        )
         for arguments in different:
             click.echo(" ".join(arguments))
     raise SystemExit(bool(different))

@@ -25,7 +25,9 @@ def main() -> int:
     with rendered(scene) as screen:
         if seconds:
             screen.set_time(TIMELINE, round(float(seconds[0]) * NANOSECONDS))
-        Image.fromarray(screen.picture()).quantize(256, dither=Image.Dither.NONE).save(Path(picture), optimize=True)
+        Image.fromarray(screen.picture()).quantize(256, dither=Image.Dither.NONE).save(
+            Path(picture), optimize=True
+        )
         for complaint in screen.complaints():
             print(complaint)
     return 0

@@ -27,7 +27,13 @@ def files_on_the_way(work: Path) -> set[tuple[str, str]]:
     noted.mkdir()
     tracing = os.pathsep.join([str(ROOT / "scripts" / "tracing"), str(ROOT)])
     traced = {"PYTHONPATH": tracing, "KNEE_CONTACT_WAY": str(noted)}
-    node_command = [*COMMAND, "node", "--ros-args", "-p", f"record.path:={work / 'recording.mcap'}"]
+    node_command = [
+        *COMMAND,
+        "node",
+        "--ros-args",
+        "-p",
+        f"record.path:={work / 'recording.mcap'}",
+    ]
     bag = str(ROOT / "bags" / "gait2354_right")
     with private_graph() as graph, (work / "log").open("wb") as log:
         environment = os.environ | graph
@@ -36,7 +42,11 @@ def files_on_the_way(work: Path) -> set[tuple[str, str]]:
             time.sleep(1.0)  # the last forces are answered
             node.send_signal(signal.SIGINT)
             node.wait(PATIENCE)
-    lines = [line.split() for path in noted.iterdir() for line in path.read_text(encoding="utf-8").splitlines()]
+    lines = [
+        line.split()
+        for path in noted.iterdir()
+        for line in path.read_text(encoding="utf-8").splitlines()
+    ]
     return {(way, file) for way, file in lines if not file.startswith(MODEL)}
 
 

@@ -38,14 +38,25 @@ def words(page: Path) -> int:
 def long_sentences(page: Path) -> list[str]:
     """Sentences with more than `LONGEST` words, tables left out."""
     paragraphs = re.split(r"\n\s*\n|\n(?=\s*(?:[-*>#|]|\d+\.) ?)", prose(page))
-    sentences = [sentence for each in paragraphs if not each.startswith(("|", "#")) for sentence in END.split(each)]
-    return [" ".join(sentence.split()) for sentence in sentences if len(WORD.findall(sentence)) > LONGEST]
+    sentences = [
+        sentence
+        for each in paragraphs
+        if not each.startswith(("|", "#"))
+        for sentence in END.split(each)
+    ]
+    return [
+        " ".join(sentence.split())
+        for sentence in sentences
+        if len(WORD.findall(sentence)) > LONGEST
+    ]
 
 
 def main() -> None:
     """Print both for all pages."""
     folders = [ROOT / "docs" / name for name in ("decisions", "studies")]
-    groups = {"users": user_pages()} | {folder.name: sorted(folder.glob("*.md")) for folder in folders}
+    groups = {"users": user_pages()} | {
+        folder.name: sorted(folder.glob("*.md")) for folder in folders
+    }
     for name, pages in groups.items():
         print(f"{name}: {sum(map(words, pages))} words in {len(pages)} pages")
         if name != "users":

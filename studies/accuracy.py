@@ -58,7 +58,9 @@ FORWARDS = table(TURN, TRANSLATION * np.sin(TURN))
 """Mechanism that carries the femur forwards by `TRANSLATION` x sin(angle); the spline is 5e-14 m off"""
 SMOOTH = SmoothFemur(closed_form=Ellipse(A, B).support)
 CIRCLE = Knee(ContactPair(Circle(A), Plane(0.0), hinge()), reference.ByDepth(reference.circle))
-ELLIPSE = Knee(ContactPair(SMOOTH, Plane(0.0), hinge()), reference.ByDepth(reference.ellipse(A, B)))
+ELLIPSE = Knee(
+    ContactPair(SMOOTH, Plane(0.0), hinge()), reference.ByDepth(reference.ellipse(A, B))
+)
 SLOPED = Knee(
     ContactPair(SMOOTH, Plane(SLOPE), FORWARDS),
     reference.ByHeight(reference.ellipse_on_slope(A, B, SLOPE, TRANSLATION)),
@@ -88,39 +90,103 @@ def studies() -> list[Study]:
     kelvin_voigt = CONTACT_LAWS["kelvin_voigt"](**spring, damping=DAMPING)
     right, left = gait("right"), gait("left")
     ours = CONTACT_LAWS["two_layer_viscoelastic"]
-    impacts = {"hunt_crossley": 1.5 * 0.5, "lankarani_nikravesh": 0.75 * 0.75, "flores": 1.6, "gonthier": 1.5}
+    impacts = {
+        "hunt_crossley": 1.5 * 0.5,
+        "lankarani_nikravesh": 0.75 * 0.75,
+        "flores": 1.6,
+        "gonthier": 1.5,
+    }
     theirs = reference.kelvin_voigt(K1, EXPONENT, DAMPING)
     return [
         Study("gait, right", right, kelvin_voigt, theirs),
         Study("gait, left", left, kelvin_voigt, theirs),
         Study("gait, right, ellipse", right, kelvin_voigt, theirs, knee=ELLIPSE),
-        Study("gait, right, ellipse carried forwards on a slope", right, kelvin_voigt, theirs, knee=SLOPED),
-        Study("gait, right, circle carried forwards in a concave circle", right, kelvin_voigt, theirs, knee=CONCAVE),
-        Study("gait, right, Hertz (undamped)", right, CONTACT_LAWS["hertz"](**spring),
-              reference.kelvin_voigt(K1, EXPONENT, 0.0)),
-        Study("gait, right, two layers as printed", right, ours(**layered, damp_first_layer=False),
-              reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False)),
-        Study("gait, right, two layers damped", right, ours(**layered, damp_first_layer=True),
-              reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=True)),
-        Study("gait, right, two layers elastic", right,
-              CONTACT_LAWS["two_layer_elastic"](**spring, layer_depth=LAYER, stiffness_2=K2),
-              reference.two_layer(K1, EXPONENT, 0.0, LAYER, K2, damped=False)),
+        Study(
+            "gait, right, ellipse carried forwards on a slope",
+            right,
+            kelvin_voigt,
+            theirs,
+            knee=SLOPED,
+        ),
+        Study(
+            "gait, right, circle carried forwards in a concave circle",
+            right,
+            kelvin_voigt,
+            theirs,
+            knee=CONCAVE,
+        ),
+        Study(
+            "gait, right, Hertz (undamped)",
+            right,
+            CONTACT_LAWS["hertz"](**spring),
+            reference.kelvin_voigt(K1, EXPONENT, 0.0),
+        ),
+        Study(
+            "gait, right, two layers as printed",
+            right,
+            ours(**layered, damp_first_layer=False),
+            reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False),
+        ),
+        Study(
+            "gait, right, two layers damped",
+            right,
+            ours(**layered, damp_first_layer=True),
+            reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=True),
+        ),
+        Study(
+            "gait, right, two layers elastic",
+            right,
+            CONTACT_LAWS["two_layer_elastic"](**spring, layer_depth=LAYER, stiffness_2=K2),
+            reference.two_layer(K1, EXPONENT, 0.0, LAYER, K2, damped=False),
+        ),
         Study("lift-off and landing", lift_off(), kelvin_voigt, theirs),
         Study("lift-off and landing, ellipse", lift_off(), kelvin_voigt, theirs, knee=ELLIPSE),
-        Study("lift-off and landing, circle in a concave circle", lift_off(), kelvin_voigt, theirs, knee=CONCAVE),
-        Study("lift-off and landing, two layers", lift_off(), ours(**layered, damp_first_layer=False),
-              reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False)),
-        *(Study(f"lift-off and landing, {name}", lift_off(),
+        Study(
+            "lift-off and landing, circle in a concave circle",
+            lift_off(),
+            kelvin_voigt,
+            theirs,
+            knee=CONCAVE,
+        ),
+        Study(
+            "lift-off and landing, two layers",
+            lift_off(),
+            ours(**layered, damp_first_layer=False),
+            reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False),
+        ),
+        *(
+            Study(
+                f"lift-off and landing, {name}",
+                lift_off(),
                 CONTACT_LAWS[name](**spring, restitution=0.5, least_impact_speed=0.1),
-                reference.impact_damped(K1, EXPONENT, loss, 0.1)) for name, loss in impacts.items()),
-        Study("stiff: K 1e10, C 1e6, 0.1 kg", right, CONTACT_LAWS["kelvin_voigt"](stiffness=1e10, exponent=1.5,
-              damping=1e6), reference.kelvin_voigt(1e10, 1.5, 1e6), mass=0.1, stiff=True),
-        Study("stiff: K 1e12, C 2e3, 0.1 kg, lift-off and landing", cut(lift_off(), 60, 200),
-              CONTACT_LAWS["kelvin_voigt"](stiffness=1e12, exponent=1.5, damping=2e3),
-              reference.kelvin_voigt(1e12, 1.5, 2e3), mass=0.1),
-        Study("stiff and overdamped: C 1e7, 1 g", right, CONTACT_LAWS["kelvin_voigt"](stiffness=K1, exponent=1.5,
-              damping=1e7), reference.kelvin_voigt(K1, 1.5, 1e7), mass=1e-3, stiff=True),
-    ]  # fmt: skip
+                reference.impact_damped(K1, EXPONENT, loss, 0.1),
+            )
+            for name, loss in impacts.items()
+        ),
+        Study(
+            "stiff: K 1e10, C 1e6, 0.1 kg",
+            right,
+            CONTACT_LAWS["kelvin_voigt"](stiffness=1e10, exponent=1.5, damping=1e6),
+            reference.kelvin_voigt(1e10, 1.5, 1e6),
+            mass=0.1,
+            stiff=True,
+        ),
+        Study(
+            "stiff: K 1e12, C 2e3, 0.1 kg, lift-off and landing",
+            cut(lift_off(), 60, 200),
+            CONTACT_LAWS["kelvin_voigt"](stiffness=1e12, exponent=1.5, damping=2e3),
+            reference.kelvin_voigt(1e12, 1.5, 2e3),
+            mass=0.1,
+        ),
+        Study(
+            "stiff and overdamped: C 1e7, 1 g",
+            right,
+            CONTACT_LAWS["kelvin_voigt"](stiffness=K1, exponent=1.5, damping=1e7),
+            reference.kelvin_voigt(K1, 1.5, 1e7),
+            mass=1e-3,
+            stiff=True,
+        ),
+    ]
 
 
 def lift_off() -> Series:
@@ -138,12 +204,16 @@ def cut(series: Series, first: int, last: int) -> Series:
 def ours(study: Study, tolerance: float) -> np.recarray[Any, Any]:
     """Answers of the model to a scene, one per tick."""
     pair, level = study.knee.pair, LEVELS["dynamic"]
-    return KneeModel(pair, study.law, study.mass, tolerance, budget=0, level=level, compiled=None).run(*study.series)
+    return KneeModel(
+        pair, study.law, study.mass, tolerance, budget=0, level=level, compiled=None
+    ).run(*study.series)
 
 
 def theirs(study: Study) -> NDArray[np.float64]:
     """Signed depth [m] by the reference, shape (n,)."""
-    return reference.solve(reference.Scene(*study.series, study.layers, study.mass, study.knee.femur, study.stiff))
+    return reference.solve(
+        reference.Scene(*study.series, study.layers, study.mass, study.knee.femur, study.stiff)
+    )
 
 
 def row(study: Study, tolerance: float, exact: NDArray[np.float64]) -> list[str]:
@@ -155,13 +225,21 @@ def row(study: Study, tolerance: float, exact: NDArray[np.float64]) -> list[str]
     large = error > 1e-12
     padding = np.median(series.error_estimate[large] / error[large]) if large.any() else math.nan
     return [
-        study.name, f"{tolerance:.0e}", f"{error.max():.1e}", f"{error[~said].max():.1e}", f"{100 * said.mean():.1f} %",
-        f"{100 * covered:.1f} %", f"{padding:.0f}" if large.any() else "-", f"{series.evaluations.mean():.0f}",
-    ]  # fmt: skip
+        study.name,
+        f"{tolerance:.0e}",
+        f"{error.max():.1e}",
+        f"{error[~said].max():.1e}",
+        f"{100 * said.mean():.1f} %",
+        f"{100 * covered:.1f} %",
+        f"{padding:.0f}" if large.any() else "-",
+        f"{series.evaluations.mean():.0f}",
+    ]
 
 
 @click.command()
-@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/accuracy.md"))
+@click.option(
+    "--output", type=click.Path(path_type=Path), default=Path("docs/studies/accuracy.md")
+)
 def main(output: Path) -> None:
     """Measure and write the table."""
     rows = []
@@ -170,7 +248,13 @@ def main(output: Path) -> None:
         for tolerance in TOLERANCES:
             rows.append(row(study, tolerance, exact))
             click.echo(" | ".join(rows[-1]), err=True)
-    save(output, "Accuracy", "python -m studies.accuracy", [Section("", TEXT, HEADER, rows)], machine())
+    save(
+        output,
+        "Accuracy",
+        "python -m studies.accuracy",
+        [Section("", TEXT, HEADER, rows)],
+        machine(),
+    )
 
 
 if __name__ == "__main__":

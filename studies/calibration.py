@@ -84,7 +84,10 @@ class Case(NamedTuple):
     def parameters(self) -> dict[str, Any]:
         """Parameters of the true model."""
         contact = {f"contact.{name}": value for name, value in self.arguments.items()}
-        law = {"contact.law": self.fitted_law or self.law, "drive": "displacement" if self.displacement else "force"}
+        law = {
+            "contact.law": self.fitted_law or self.law,
+            "drive": "displacement" if self.displacement else "force",
+        }
         share = {} if self.share is None else {"load.share": self.share}
         return contact | law | share | {"femur.mass": self.mass}
 
@@ -92,7 +95,10 @@ class Case(NamedTuple):
     def measured(self) -> str:
         """Measured quantities in words, for the table."""
         units = {DEPTH: (1e6, "µm"), GAP: (1e6, "µm"), FORCE: (1.0, "N")}
-        told = [f"{SHORT[name]} ({size * units[name][0]:g} {units[name][1]})" for name, size in self.noise.items()]
+        told = [
+            f"{SHORT[name]} ({size * units[name][0]:g} {units[name][1]})"
+            for name, size in self.noise.items()
+        ]
         return f"{', '.join(told)}, {len(self.series[0])} samples{', noise told' if self.told else ''}"
 
 
@@ -122,36 +128,74 @@ CASES = {
     "gait, depth": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C)),
     "gait, depth and force": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6, FORCE: 10.0}, (K, N)),
     "gait, depth, noise told": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6}, (K, N, C), told=1.0),
-    "gait, axial load, depth and force": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6, FORCE: 10.0}, ("load.share", K),
-                                              share=0.5),
-    "lift-off and landing, depth and gap": Case(VOIGT, HEALTHY, lift_off(), {DEPTH: 5e-6, GAP: 2e-5},
-                                                (K, C, "femur.mass")),
-    "drop test, gap and force": Case("hunt_crossley", IMPACT, drop(), {GAP: 1e-5, FORCE: 5.0},
-                                     (K, "contact.restitution"), starts=4),
-    "drop test, Kelvin-Voigt, depth and gap": Case(VOIGT, HEALTHY, drop(), {DEPTH: 5e-6, GAP: 1e-5}, (K, C)),
-    "gait, two layers damped, depth": Case("two_layer_viscoelastic", LAYERS | {"damp_first_layer": True}, GAIT,
-                                           {DEPTH: 2e-6}, ("contact.layer_depth", "contact.stiffness_2")),
-    "gait, two layers as printed, depth": Case("two_layer_viscoelastic", LAYERS | {"damp_first_layer": False}, GAIT,
-                                               {DEPTH: 2e-6}, ("contact.layer_depth", "contact.stiffness_2"), starts=4,
-                                               part=0.5),
-    "gait, height prescribed, force": Case("hertz", SPRING, GAIT, {FORCE: 10.0}, ("femur.radius", K),
-                                           displacement=True),
-    "gait, depth, one in twenty far off, soft_l1": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), loss="soft_l1",
-                                                        outliers=0.05),
-}  # fmt: skip
+    "gait, axial load, depth and force": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6, FORCE: 10.0}, ("load.share", K), share=0.5
+    ),
+    "lift-off and landing, depth and gap": Case(
+        VOIGT, HEALTHY, lift_off(), {DEPTH: 5e-6, GAP: 2e-5}, (K, C, "femur.mass")
+    ),
+    "drop test, gap and force": Case(
+        "hunt_crossley",
+        IMPACT,
+        drop(),
+        {GAP: 1e-5, FORCE: 5.0},
+        (K, "contact.restitution"),
+        starts=4,
+    ),
+    "drop test, Kelvin-Voigt, depth and gap": Case(
+        VOIGT, HEALTHY, drop(), {DEPTH: 5e-6, GAP: 1e-5}, (K, C)
+    ),
+    "gait, two layers damped, depth": Case(
+        "two_layer_viscoelastic",
+        LAYERS | {"damp_first_layer": True},
+        GAIT,
+        {DEPTH: 2e-6},
+        ("contact.layer_depth", "contact.stiffness_2"),
+    ),
+    "gait, two layers as printed, depth": Case(
+        "two_layer_viscoelastic",
+        LAYERS | {"damp_first_layer": False},
+        GAIT,
+        {DEPTH: 2e-6},
+        ("contact.layer_depth", "contact.stiffness_2"),
+        starts=4,
+        part=0.5,
+    ),
+    "gait, height prescribed, force": Case(
+        "hertz", SPRING, GAIT, {FORCE: 10.0}, ("femur.radius", K), displacement=True
+    ),
+    "gait, depth, one in twenty far off, soft_l1": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), loss="soft_l1", outliers=0.05
+    ),
+}
 """Cases that the intervals are meant for"""
 DOUBTFUL = {
-    "loads of 690 to 710 N, depth": Case(VOIGT, HEALTHY, narrow(), {DEPTH: 5e-6}, (K, N), expects="apart"),
-    "drop test, Kelvin-Voigt, force, which jumps at touch": Case(VOIGT, HEALTHY, drop(), {FORCE: 5.0}, (K, C), starts=4,
-                                                                 expects="rough"),
-    "noise correlated by 0.9": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), correlation=0.9,
-                                    expects="correlated"),
-    "another law: two layers, fitted by one": Case("two_layer_viscoelastic", LAYERS | {"damp_first_layer": True}, GAIT,
-                                                   {DEPTH: 2e-6}, (K, C), fitted_law=VOIGT, part=0.2,
-                                                   expects="correlated"),
-    "least squares, one in twenty far off": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), outliers=0.05),
-    "the noise told is half of it": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 4e-6}, (K, C), told=0.5, expects="given"),
-}  # fmt: skip
+    "loads of 690 to 710 N, depth": Case(
+        VOIGT, HEALTHY, narrow(), {DEPTH: 5e-6}, (K, N), expects="apart"
+    ),
+    "drop test, Kelvin-Voigt, force, which jumps at touch": Case(
+        VOIGT, HEALTHY, drop(), {FORCE: 5.0}, (K, C), starts=4, expects="rough"
+    ),
+    "noise correlated by 0.9": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), correlation=0.9, expects="correlated"
+    ),
+    "another law: two layers, fitted by one": Case(
+        "two_layer_viscoelastic",
+        LAYERS | {"damp_first_layer": True},
+        GAIT,
+        {DEPTH: 2e-6},
+        (K, C),
+        fitted_law=VOIGT,
+        part=0.2,
+        expects="correlated",
+    ),
+    "least squares, one in twenty far off": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), outliers=0.05
+    ),
+    "the noise told is half of it": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 4e-6}, (K, C), told=0.5, expects="given"
+    ),
+}
 """Cases that the intervals are not meant for"""
 
 
@@ -159,11 +203,18 @@ LEVEL = 0.95
 DOUBTFUL_PART = 0.25
 """Part of the repetitions for cases whose intervals are not meant to hold"""
 HEADER = (
-    "case", "measured (standard deviation of the noise)", "parameter", "true", "half width of the interval, median",
-    "bias, in standard deviations of the estimates", "intervals that hold the true value", "95 % range of that",
+    "case",
+    "measured (standard deviation of the noise)",
+    "parameter",
+    "true",
+    "half width of the interval, median",
+    "bias, in standard deviations of the estimates",
+    "intervals that hold the true value",
+    "95 % range of that",
     "for the same noise along straight lines",
-    "trade-off told", "time of a fit [s]",
-)  # fmt: skip
+    "trade-off told",
+    "time of a fit [s]",
+)
 TEXT = """\
 Depth, force and gap are made by the project's reference solver, which shares no code with the model, with known
 parameters, and normal noise is added, in each repetition another one, seeded by case and repetition. Each fit starts
@@ -226,9 +277,14 @@ def made(name: str, case: Case, random: np.random.Generator) -> dict[str, Floats
     for column, size in case.noise.items():
         noise = random.standard_normal(len(time))
         for place in range(1, len(time) if case.correlation else 0):  # of unit variance still
-            noise[place] = case.correlation * noise[place - 1] + math.sqrt(1 - case.correlation**2) * noise[place]
+            noise[place] = (
+                case.correlation * noise[place - 1]
+                + math.sqrt(1 - case.correlation**2) * noise[place]
+            )
         far = random.random(len(time)) < case.outliers
-        table[column] = whole[column] + size * np.where(far, 20.0 * random.standard_normal(len(time)), noise)
+        table[column] = whole[column] + size * np.where(
+            far, 20.0 * random.standard_normal(len(time)), noise
+        )
     return table
 
 
@@ -239,9 +295,15 @@ def fit(name: str, case: Case, repetition: int) -> Calibration:
     start = {each: _start(each, value, random) for each, value in case.free.items()}
     told = {column: case.told * size for column, size in case.noise.items()} if case.told else None
     return calibrate(
-        table, [case.parameters, start], list(case.free), sigma=told, loss=case.loss, level=LEVEL, starts=case.starts,
+        table,
+        [case.parameters, start],
+        list(case.free),
+        sigma=told,
+        loss=case.loss,
+        level=LEVEL,
+        starts=case.starts,
         compiled=True,
-    )  # fmt: skip
+    )
 
 
 def _start(name: str, true: float, random: np.random.Generator) -> float:
@@ -251,18 +313,27 @@ def _start(name: str, true: float, random: np.random.Generator) -> float:
     return true + 0.2 * off if name.endswith("exponent") else true * math.exp(0.3 * off)
 
 
-def repetition(name: str, number: int) -> tuple[list[bool], list[float], list[float], set[str], float]:
+def repetition(
+    name: str, number: int
+) -> tuple[list[bool], list[float], list[float], set[str], float]:
     """Do one fit; return which intervals hold the truth, estimates, half widths, kinds of warnings, and time [s]."""
     case = case_of(name)
     began = clock.perf_counter()
     found = fit(name, case, number)
     took = clock.perf_counter() - began
     both = [(found.intervals[each], true) for each, true in case.free.items()]
-    kinds = {kind for kind, words in KINDS.items() if any(words in warning for warning in found.warnings)}
+    kinds = {
+        kind
+        for kind, words in KINDS.items()
+        if any(words in warning for warning in found.warnings)
+    }
     return (
-        [one.low <= true <= one.high for one, true in both], [found.values[each] for each in case.free],
-        [0.5 * (one.high - one.low) / true for one, true in both], kinds, took,
-    )  # fmt: skip
+        [one.low <= true <= one.high for one, true in both],
+        [found.values[each] for each in case.free],
+        [0.5 * (one.high - one.low) / true for one, true in both],
+        kinds,
+        took,
+    )
 
 
 def outcome(name: str, repetitions: int, pool: Executor) -> Outcome:
@@ -270,7 +341,9 @@ def outcome(name: str, repetitions: int, pool: Executor) -> Outcome:
     every = list(pool.map(repetition, [name] * repetitions, range(repetitions)))
     inside, estimates, widths, kinds, took = zip(*every, strict=True)
     warnings = Counter(kind for each in kinds for kind in each)
-    return Outcome(np.array(inside), np.array(estimates), np.array(widths), warnings, float(np.median(took)))
+    return Outcome(
+        np.array(inside), np.array(estimates), np.array(widths), warnings, float(np.median(took))
+    )
 
 
 def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
@@ -279,9 +352,14 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     It judges the draws and not the fits: beside it one sees which part of a shortfall is theirs.
     """
     case = case_of(name)
-    parameters, table = load_parameters([case.parameters]), made(name, case, np.random.default_rng(0))
+    parameters, table = (
+        load_parameters([case.parameters]),
+        made(name, case, np.random.default_rng(0)),
+    )
     measured = measured_from(table, parameters.drive)
-    problem = problem_of(parameters, measured, unknowns_of(list(case.free), fittable(), parameters, name), True)
+    problem = problem_of(
+        parameters, measured, unknowns_of(list(case.free), fittable(), parameters, name), True
+    )
     slopes = Fit.begun(problem, "linear", case.noise).slopes
     spread = np.linalg.inv(slopes.T @ slopes)
     held = np.zeros(len(case.free), dtype=np.int64)
@@ -289,39 +367,62 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     for number in range(repetitions):
         drawn = made(name, case, np.random.default_rng((2026, sum(name.encode()), number)))
         whole = {DEPTH: exact.depth, GAP: -exact.depth, FORCE: exact.force}
-        noise = {each: (drawn[each] - whole[each])[np.isfinite(drawn[each])] for each in measured.answers}
+        noise = {
+            each: (drawn[each] - whole[each])[np.isfinite(drawn[each])]
+            for each in measured.answers
+        }
         off = scaled(noise, case.noise)
         error = spread @ (slopes.T @ off)
-        size = 1.0 if case.told else math.sqrt(float(((off - slopes @ error) ** 2).sum()) / freedom)
+        size = (
+            1.0 if case.told else math.sqrt(float(((off - slopes @ error) ** 2).sum()) / freedom)
+        )
         limit = student.ppf(0.5 + 0.5 * LEVEL, math.inf if case.told else freedom)
         held += np.abs(error) <= limit * size * np.sqrt(np.diag(spread))
     return held
 
 
-KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "correlated from sample to sample",
-         "given": "times the given noise", "rough": "intervals are rough", "open": "not bounded"}  # fmt: skip
+KINDS = {
+    "trade": "trade off",
+    "apart": "cannot tell them apart",
+    "correlated": "correlated from sample to sample",
+    "given": "times the given noise",
+    "rough": "intervals are rough",
+    "open": "not bounded",
+}
 """Kinds of warnings, by a phrase of their text"""
 
 
-def rows(name: str, case: Case, found: Outcome, control: NDArray[np.int64] | None) -> list[list[str]]:
+def rows(
+    name: str, case: Case, found: Outcome, control: NDArray[np.int64] | None
+) -> list[list[str]]:
     """Rows of the table for a case: one for each parameter."""
     table = []
     number = len(found.inside)
     for place, (parameter, true) in enumerate(case.free.items()):
         held = int(found.inside[:, place].sum())
-        low, high = beta.ppf(0.025, held, number - held + 1), beta.ppf(0.975, held + 1, number - held)
+        low, high = (
+            beta.ppf(0.025, held, number - held + 1),
+            beta.ppf(0.975, held + 1, number - held),
+        )
         spread = found.estimates[:, place].std(ddof=1)
         bias = (found.estimates[:, place].mean() - true) / spread
         low, high = 0.0 if math.isnan(low) else low, 1.0 if math.isnan(high) else high
         first = place == 0
-        table.append([
-            name if first else "", case.measured if first else "", parameter, f"{true:.6g}",
-            f"{100.0 * np.median(found.widths[:, place]):.2g} %", f"{bias:+.2f}",
-            f"{100.0 * held / number:.1f} % ({held} of {number})", f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
-            "-" if control is None else str(control[place]),
-            f"{found.warnings[case.expects or 'trade']} of {number}" if first else "",
-            f"{found.seconds:.2f}" if first else "",
-        ])  # fmt: skip
+        table.append(
+            [
+                name if first else "",
+                case.measured if first else "",
+                parameter,
+                f"{true:.6g}",
+                f"{100.0 * np.median(found.widths[:, place]):.2g} %",
+                f"{bias:+.2f}",
+                f"{100.0 * held / number:.1f} % ({held} of {number})",
+                f"{100.0 * low:.1f} to {100.0 * high:.1f} %",
+                "-" if control is None else str(control[place]),
+                f"{found.warnings[case.expects or 'trade']} of {number}" if first else "",
+                f"{found.seconds:.2f}" if first else "",
+            ]
+        )
     return table
 
 
@@ -329,7 +430,12 @@ def rows(name: str, case: Case, found: Outcome, control: NDArray[np.int64] | Non
 @click.option("--repetitions", default=400, show_default=True)
 @click.option("--workers", default=2, show_default=True, help="Processes.")
 @click.option("--only", default="", help="Cases whose name has this.")
-@click.option("--output", default="docs/studies/calibration.md", show_default=True, type=click.Path(path_type=Path))
+@click.option(
+    "--output",
+    default="docs/studies/calibration.md",
+    show_default=True,
+    type=click.Path(path_type=Path),
+)
 def main(repetitions: int, workers: int, only: str, output: Path) -> None:
     """Measure and write the tables."""
     tables: list[list[list[str]]] = [[], []]
@@ -349,13 +455,25 @@ def main(repetitions: int, workers: int, only: str, output: Path) -> None:
                 write(output, repetitions, tables, held)
 
 
-def write(output: Path, repetitions: int, tables: list[list[list[str]]], held: list[float]) -> None:
+def write(
+    output: Path, repetitions: int, tables: list[list[list[str]]], held: list[float]
+) -> None:
     """Write the page with the tables that there are so far."""
     told = f"{TEXT} In all, {100.0 * np.mean(held):.1f} % of {len(held)} intervals hold it."
     doubtful = tuple("warned" if each == "trade-off told" else each for each in HEADER)
     sections = [Section("", told, HEADER, tables[0])]
-    sections += [Section("Where they do not hold", DOUBTFUL_TEXT, doubtful, tables[1])] if tables[1] else []
-    save(output, "Calibration", f"python -m studies.calibration --repetitions {repetitions}", sections, machine())
+    sections += (
+        [Section("Where they do not hold", DOUBTFUL_TEXT, doubtful, tables[1])]
+        if tables[1]
+        else []
+    )
+    save(
+        output,
+        "Calibration",
+        f"python -m studies.calibration --repetitions {repetitions}",
+        sections,
+        machine(),
+    )
 
 
 if __name__ == "__main__":

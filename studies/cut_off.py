@@ -112,7 +112,9 @@ class Peer(Driver):
     def begin_recording(self, path: Path) -> None:
         """Have the node begin another recording, and wait until it is open; until then messages wait in the node."""
         name = Parameter("record.path", value=str(path)).to_parameter_msg()
-        self._call(SetParameters, "knee_contact/set_parameters", SetParameters.Request(parameters=[name]))
+        self._call(
+            SetParameters, "knee_contact/set_parameters", SetParameters.Request(parameters=[name])
+        )
         while not self._call(Trigger, "knee_contact/start_recording", Trigger.Request()).success:
             self._spin(CHECK)  # it has yet to notice that the other one is dead
         while not (partial_name(path).exists() and partial_name(path).stat().st_size):
@@ -133,8 +135,20 @@ class Peer(Driver):
 @contextmanager
 def recording_node(folder: Path) -> Iterator[Child]:
     """Run the recording node in a process of its own, which may be killed."""
-    arguments = ["-m", "knee_contact_ros.commands.main", "node", "--ros-args", "--params-file", str(PARAMETERS)]
-    arguments += ["-p", f'record.path:="{folder / RECORDING}"', "-p", f"record.max_duration:={SPAN}"]
+    arguments = [
+        "-m",
+        "knee_contact_ros.commands.main",
+        "node",
+        "--ros-args",
+        "--params-file",
+        str(PARAMETERS),
+    ]
+    arguments += [
+        "-p",
+        f'record.path:="{folder / RECORDING}"',
+        "-p",
+        f"record.max_duration:={SPAN}",
+    ]
     folder.mkdir()
     with child_process("the node", arguments, folder / "node.log") as child:
         yield child
@@ -157,7 +171,9 @@ def walking(folder: Path) -> Iterator[tuple[Peer, psutil.Process]]:
 @contextmanager
 def busy(number: int) -> Iterator[None]:
     """Run a number of processes that keep a processor busy."""
-    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)]
+    processes = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(number)
+    ]
     try:
         yield
     finally:
@@ -214,7 +230,9 @@ def loss(received: list[int], folder: Path) -> Loss:
     return Loss(1e3 * tail / RATE, holes, complete=all(path.suffix == ".mcap" for path in files))
 
 
-def measure(kills: int, beside: int, work: Path, seen: Callable[[str], None]) -> dict[str, list[Loss]]:
+def measure(
+    kills: int, beside: int, work: Path, seen: Callable[[str], None]
+) -> dict[str, list[Loss]]:
     """Kill each target `kills` times, and once more beside a number of busy processes."""
     dice = random.Random(SEED)  # noqa: S311  (not for secrets)
     losses: dict[str, list[Loss]] = {NODE: [], RECORDER: [], BOTH: [], BESIDE_BUSY: []}
@@ -223,7 +241,9 @@ def measure(kills: int, beside: int, work: Path, seen: Callable[[str], None]) ->
         losses[what].append(found)
         seen(f"{what}: {found}")
 
-    for found in recorder_losses(work / RECORDER, [dice.uniform(EARLIEST, LATEST) for _ in range(kills)]):
+    for found in recorder_losses(
+        work / RECORDER, [dice.uniform(EARLIEST, LATEST) for _ in range(kills)]
+    ):
         note(RECORDER, found)
     for number, what in itertools.product(range(kills), (NODE, BOTH)):
         note(what, node_loss(what, work / f"{what}_{number}", dice.uniform(EARLIEST, LATEST)))
@@ -237,15 +257,32 @@ def row(what: str, losses: list[Loss]) -> list[str]:
     """Row of the table for a kind of kill."""
     median, high, largest = np.percentile([each.missing for each in losses], [50, 99, 100])
     complete = sum(each.complete for each in losses)
-    afterwards = "complete" if complete == len(losses) else f"the last one `.partial`, {complete} complete"
+    afterwards = (
+        "complete" if complete == len(losses) else f"the last one `.partial`, {complete} complete"
+    )
     holes = sum(each.holes for each in losses)
-    return [what, str(len(losses)), f"{median:.0f}", f"{high:.0f}", f"{largest:.0f}", str(holes), afterwards]
+    return [
+        what,
+        str(len(losses)),
+        f"{median:.0f}",
+        f"{high:.0f}",
+        f"{largest:.0f}",
+        str(holes),
+        afterwards,
+    ]
 
 
 @click.command()
-@click.option("--kills", type=click.IntRange(1), default=50, show_default=True, help="Of each kind.")
 @click.option(
-    "--busy", "beside", type=click.IntRange(1), default=2, show_default=True, help="Processes, in the last row."
+    "--kills", type=click.IntRange(1), default=50, show_default=True, help="Of each kind."
+)
+@click.option(
+    "--busy",
+    "beside",
+    type=click.IntRange(1),
+    default=2,
+    show_default=True,
+    help="Processes, in the last row.",
 )
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/cut_off.md"))
 def main(kills: int, beside: int, output: Path) -> None:
@@ -259,8 +296,21 @@ def main(kills: int, beside: int, output: Path) -> None:
         f"{os.cpu_count()} processors, this study's among them (load average of 5 minutes): {load:.1f} at the "
         f"beginning, {os.getloadavg()[1]:.1f} at the end. On a busy machine a recorder waits for others."
     )
-    sections = [Section("", f"{TEXT}\n\n{verdict}", HEADER, [row(what, found) for what, found in losses.items()])]
-    save(output, "Recordings that are cut off", f"python -m studies.cut_off --kills {kills}", sections, machine())
+    sections = [
+        Section(
+            "",
+            f"{TEXT}\n\n{verdict}",
+            HEADER,
+            [row(what, found) for what, found in losses.items()],
+        )
+    ]
+    save(
+        output,
+        "Recordings that are cut off",
+        f"python -m studies.cut_off --kills {kills}",
+        sections,
+        machine(),
+    )
 
 
 if __name__ == "__main__":

@@ -78,11 +78,19 @@ class SmoothFemur(Circle):
 
         def values(t: Floats) -> Floats:
             angles = (np.arange(CELLS)[:, None] + 0.5 + t) * (math.tau / CELLS)
-            return np.array([self.support(angle) for angle in angles.ravel().tolist()]).reshape(CELLS, -1, 2)
+            return np.array([self.support(angle) for angle in angles.ravel().tolist()]).reshape(
+                CELLS, -1, 2
+            )
 
         tried = values(TRIED)
-        cells, error = cell_polynomials(values(np.zeros(1))[:, 0, 0], values(NODES)[..., 1], tried[..., 1])
-        wrong = np.abs(cells @ np.vander(TRIED, DEGREE + 1, increasing=True).T - tried[..., 0]).max()
+        cells, error = cell_polynomials(
+            values(np.zeros(1))[:, 0, 0], values(NODES)[..., 1], tried[..., 1]
+        )
+        wrong = np.abs(
+            cells @ np.vander(TRIED, DEGREE + 1, increasing=True).T - tried[..., 0]
+        ).max()
         if not max(error.max(), wrong) <= CLOSE_ENOUGH:
-            raise ValueError("the support function is not smooth, or its slope is not its derivative")
+            raise ValueError(
+                "the support function is not smooth, or its slope is not its derivative"
+            )
         return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])

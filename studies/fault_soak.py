@@ -147,7 +147,9 @@ def stood_still(which: str) -> Fault:
     def inject(peer: Any, _stamp: int) -> None:
         number = int(peer.diagnostics[f"knee_contact: {which}"]["process"])
         os.kill(number, signal.SIGSTOP)
-        peer.stalled.append(subprocess.Popen(["/bin/sh", "-c", f"sleep 2; kill -CONT {number}; exec sleep 60"]))
+        peer.stalled.append(
+            subprocess.Popen(["/bin/sh", "-c", f"sleep 2; kill -CONT {number}; exec sleep 60"])
+        )
 
     return Fault(f"{which} stands still", inject)
 
@@ -156,12 +158,23 @@ def soak(peer: Peered, stretches: int, dice: random.Random) -> list[Stretch]:
     """Publish good samples and faults in turn, and collect the stretches."""
     faults = [fault for fault in FAULTS if fault.name not in LEFT_OUT]
     faults += [stood_still("recorder"), stood_still("viewer")]
-    node, found, fault = psutil.Process(peer.node_process), [], Fault("none yet", lambda _peer, _stamp: None)
+    node, found, fault = (
+        psutil.Process(peer.node_process),
+        [],
+        Fault("none yet", lambda _peer, _stamp: None),
+    )
     for number in range(stretches):
         first = peer.stamp
         run = peer.run(RATE, BETWEEN)
         found.append(
-            Stretch(fault.name, first, run.published, run.lost, 1e-9 * max(run.latencies), node.memory_info().rss)
+            Stretch(
+                fault.name,
+                first,
+                run.published,
+                run.lost,
+                1e-9 * max(run.latencies),
+                node.memory_info().rss,
+            )
         )
         click.echo(f"{number + 1} of {stretches}: {found[-1]}", err=True)
         for process in peer.stalled:
@@ -203,7 +216,9 @@ class Again(NamedTuple):
 def again(recording: Path, firsts: Sequence[int]) -> Again:
     """Compute a recording again; `firsts` are the stamps [ns] with which stretches begin."""
     offline = recording.with_name("offline.mcap")
-    solve(recording, read_provenance(recording) or Parameters(), offline, lambda _done, _total: None)
+    solve(
+        recording, read_provenance(recording) or Parameters(), offline, lambda _done, _total: None
+    )
     types = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
     answers = computed = compared = different = stretch = 0
     flags: list[Counter[str]] = [Counter() for _ in firsts]
@@ -216,7 +231,9 @@ def again(recording: Path, firsts: Sequence[int]) -> Again:
                 different += 1
                 continue
             status = Status(status_of(mine))
-            while stretch + 1 < len(firsts) and mine.log_time >= firsts[stretch + 1] - NANOSECONDS // round(RATE):
+            while stretch + 1 < len(firsts) and mine.log_time >= firsts[
+                stretch + 1
+            ] - NANOSECONDS // round(RATE):
                 stretch += 1
             flags[stretch].update(bit.name or "" for bit in Status if bit & status)
             held = (held or bool(status & Status.INPUT_HELD)) and not status & Status.TIME_RESET
@@ -245,7 +262,9 @@ def rows(stretches: Sequence[Stretch], flags: Sequence[Counter[str]]) -> list[li
     for fault in sorted({stretch.fault for stretch in stretches}):
         of = [number for number, stretch in enumerate(stretches) if stretch.fault == fault]
         flagged = sum((flags[number] for number in of), Counter[str]())
-        said = ", ".join(f"{name} {count / len(of):.3g}" for name, count in sorted(flagged.items()))
+        said = ", ".join(
+            f"{name} {count / len(of):.3g}" for name, count in sorted(flagged.items())
+        )
         lost = sum(stretches[number].lost for number in of)
         slowest = max(stretches[number].slowest for number in of)
         table.append([fault, str(len(of)), str(lost), said or "-", f"{1e3 * slowest:.0f}"])
@@ -275,7 +294,10 @@ def figures(stretches: Sequence[Stretch], found: Again, refused: str) -> list[li
 @click.option("--seed", default=0, show_default=True)
 @click.option("--busy", "beside", default=1, show_default=True, help="Busy processes beside.")
 @click.option(
-    "--output", type=click.Path(path_type=Path), default=Path("docs/studies/fault_soak.md"), show_default=True
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("docs/studies/fault_soak.md"),
+    show_default=True,
 )
 def main(minutes: float, seed: int, beside: int, output: Path) -> None:
     """Measure and write the page."""
@@ -284,7 +306,9 @@ def main(minutes: float, seed: int, beside: int, output: Path) -> None:
         os.environ.update(environment)
         work, more = Path(folder) / "node", Path(folder) / "more.yaml"
         work.mkdir()
-        more.write_text("/**:\n  ros__parameters:\n    pairing:\n      wait: 7.0\n", encoding="utf-8")
+        more.write_text(
+            "/**:\n  ros__parameters:\n    pairing:\n      wait: 7.0\n", encoding="utf-8"
+        )
         with joined(Peered) as peer, node_process([PARAMETERS, more], work, PATIENCE) as child:
             peer.wait_for_node(child.check)
             peer.node_process = child.process.pid

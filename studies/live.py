@@ -23,7 +23,12 @@ import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, change_record, provenance_record, read_provenance
+from knee_contact_ros.bags.provenance import (
+    PARAMETERS_CHANGED,
+    change_record,
+    provenance_record,
+    read_provenance,
+)
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import GROUPS
@@ -33,7 +38,12 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import recorded_topics
 from tests.ros.conftest import NodeProcess, Peer, call, set_parameters
 
@@ -46,13 +56,18 @@ LONGEST = 10.0
 
 
 CHANGES = {
-    "knee.flexion_offset": (-0.2, 0.2), "load.share": (0.3, 0.8), "contact.stiffness": (6e7, 1e8),
-    "contact.damping": (0.0, 9e3), "femur.mass": (5.0, 12.0), "load.compartment_spacing": (0.03, 0.06),
-}  # fmt: skip
+    "knee.flexion_offset": (-0.2, 0.2),
+    "load.share": (0.3, 0.8),
+    "contact.stiffness": (6e7, 1e8),
+    "contact.damping": (0.0, 9e3),
+    "femur.mass": (5.0, 12.0),
+    "load.compartment_spacing": (0.03, 0.06),
+}
 FIXED = {
-    "knee.flexion_sign": (1.0, -1.0), "pairing.angle_delay": (0.0, 0.01),
+    "knee.flexion_sign": (1.0, -1.0),
+    "pairing.angle_delay": (0.0, 0.01),
     "load.compartment": ("fixed_share", "moment_balance", "both"),
-}  # fmt: skip
+}
 MS = 1_000_000
 
 
@@ -77,10 +92,14 @@ def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
                 continue
             stamp, angle = 5 * i * MS, 0.5 + 0.3 * (i % 40) / 40.0
             if kind == "angle":
-                answers = pipeline.joint_state(encode_joint_state(JointState(stamp, "", ("knee",), (angle,), (), ())))
+                answers = pipeline.joint_state(
+                    encode_joint_state(JointState(stamp, "", ("knee",), (angle,), (), ()))
+                )
             else:
                 force, torque = (0.0, -900.0 - 10.0 * (i % 20), 0.0), (1.0 * (i % 7), 0.0, 0.0)
-                answers = pipeline.force(encode_wrench_stamped(WrenchStamped(stamp, "", force, torque)))
+                answers = pipeline.force(
+                    encode_wrench_stamped(WrenchStamped(stamp, "", force, torque))
+                )
             for answer in answers:
                 writer.write(answer.records)
         for answer in pipeline.finish():
@@ -92,11 +111,15 @@ def different_fields(folder: Path) -> list[str]:
     """Names of what `solve` of the walk `r.mcap` in a folder answers otherwise; `length` where it is too short."""
     recording = read_provenance(folder / "r.mcap")
     assert recording  # noqa: S101  (by `walk`)
-    solve(folder / "r.mcap", recording, folder / "o.mcap", lambda _done, _total: None, compiled=False)
+    solve(
+        folder / "r.mcap", recording, folder / "o.mcap", lambda _done, _total: None, compiled=False
+    )
     live, again = (read_answers(folder / name) for name in ("r.mcap", "o.mcap"))
     for rows in (live, again):
         rows["status"] &= ~np.uint8(Status.INPUT_REJECTED)  # no refused sample is in a recording
-    different = [name for name in TOLD if not np.array_equal(live.view(FLAT)[name], again.view(FLAT)[name])]
+    different = [
+        name for name in TOLD if not np.array_equal(live.view(FLAT)[name], again.view(FLAT)[name])
+    ]
     return different if len(live) > 40 else ["length"]
 
 
@@ -123,17 +146,27 @@ def clock(dice: random.Random) -> str:
     """
     gap, rate = dice.uniform(0.02, 0.5), dice.choice([50, 100, 200, 500])
     pipeline = ContactStream(load_parameters({"pairing.max_gap": gap}), compiled=False)
-    away = dice.choice([-1.0, 1.0]) * gap * math.exp(dice.choice([-1.0, 1.0]) * dice.uniform(0.2, 2.0))
+    away = (
+        dice.choice([-1.0, 1.0])
+        * gap
+        * math.exp(dice.choice([-1.0, 1.0]) * dice.uniform(0.2, 2.0))
+    )
     found = []
     for i in range(int((4.0 + 2.0 * abs(away)) * rate)):
         stamp = round(1e9 * (10.0 + i / rate))
         ahead = stamp + (round(1e9 * away) if i >= rate else 0)
-        angle = encode_joint_state(JointState(ahead, "", ("knee",), (0.6 + 0.5 * math.sin(6.0 * i / rate),), (), ()))
+        angle = encode_joint_state(
+            JointState(ahead, "", ("knee",), (0.6 + 0.5 * math.sin(6.0 * i / rate),), (), ())
+        )
         answers = [*pipeline.joint_state(angle)]
-        answers += pipeline.force(encode_wrench_stamped(WrenchStamped(stamp, "", (0.0, -1e3, 0.0), (0.0, 0.0, 0.0))))
+        answers += pipeline.force(
+            encode_wrench_stamped(WrenchStamped(stamp, "", (0.0, -1e3, 0.0), (0.0, 0.0, 0.0)))
+        )
         found += [answer.row[STATUS] for answer in answers if i > (2.5 + abs(away)) * rate]
     flagged = sum(bool(status & Status.STALE_INPUT) for status in found)
-    wrong = (abs(away) > gap + 1.0 / rate and flagged < len(found)) or (abs(away) < gap and flagged > 0)
+    wrong = (abs(away) > gap + 1.0 / rate and flagged < len(found)) or (
+        abs(away) < gap and flagged > 0
+    )
     told = f"{away:.3f} s apart, max_gap {gap:.3f} s, {rate} Hz: {flagged} of {len(found)} flagged"
     return told if wrong or not found else ""
 
@@ -145,7 +178,9 @@ class Live:
         rclpy.init()
         self.peer, self.node, self.stamp = Peer(), NodeProcess("-p", "autostart:=true"), 0
         self.peer.wait_for_node()
-        self.known = {name: one for name, one in known_parameters().items() if isinstance(one.default, float)}
+        self.known = {
+            name: one for name, one in known_parameters().items() if isinstance(one.default, float)
+        }
 
     def value(self, name: str) -> Any:
         """A parameter of the node."""
@@ -162,8 +197,19 @@ class Live:
             for end in (self.known[name].least, self.known[name].most)
             if isinstance(end, float) and math.isfinite(end)
         ]
-        value = dice.choice([*ends, dice.choice([*ends, 1.0]) * 10.0 ** dice.uniform(-3.0, 3.0), -1.0, 0.0, 1e-250,
-                             1e300, math.nan, math.inf, *[self.known[name].default] * 2])  # fmt: skip
+        value = dice.choice(
+            [
+                *ends,
+                dice.choice([*ends, 1.0]) * 10.0 ** dice.uniform(-3.0, 3.0),
+                -1.0,
+                0.0,
+                1e-250,
+                1e300,
+                math.nan,
+                math.inf,
+                *[self.known[name].default] * 2,
+            ]
+        )
         before = self.value(name)
         done, reason = set_parameters(self.peer, {name: value})
         after = self.value(name)
@@ -177,8 +223,13 @@ class Live:
 
 def paths(dice: random.Random) -> str:
     """A link to itself, a pipe, a socket or a device for an option that takes a file: one line, code 2."""
-    options = [(one, option) for group in GROUPS.values() for one in group for option in one.params
-               if isinstance(option.type, click.Path) or getattr(option.type, "func", None) is FILE]  # fmt: skip
+    options = [
+        (one, option)
+        for group in GROUPS.values()
+        for one in group
+        for option in one.params
+        if isinstance(option.type, click.Path) or getattr(option.type, "func", None) is FILE
+    ]
     chosen, option = dice.choice(options)
     with tempfile.TemporaryDirectory() as folder:
         loop, pipe, listening = (Path(folder) / name for name in ("loop", "pipe", "socket"))
@@ -188,20 +239,35 @@ def paths(dice: random.Random) -> str:
             opened.bind(str(listening))
             path = str(dice.choice([loop, pipe, listening, Path("/dev/full")]))
             words = [path] if isinstance(option, click.Argument) else [option.opts[0], path]
-            arguments = [sys.executable, "-m", "knee_contact_ros.commands.main", str(chosen.name), *words]
+            arguments = [
+                sys.executable,
+                "-m",
+                "knee_contact_ros.commands.main",
+                str(chosen.name),
+                *words,
+            ]
             begin = time.monotonic()
             try:
-                done = subprocess.run(arguments, capture_output=True, text=True, timeout=PATIENCE, check=False)
+                done = subprocess.run(
+                    arguments, capture_output=True, text=True, timeout=PATIENCE, check=False
+                )
             except subprocess.TimeoutExpired:
                 return f"{chosen.name} {words}: it does not end"
     told, took = done.stderr.strip().splitlines(), time.monotonic() - begin
     right = done.returncode == 2 and len(told) == 1 and took < LONGEST
-    return "" if right else f"{chosen.name} {words}: code {done.returncode} in {took:.1f} s, {told[-3:]}"
+    return (
+        ""
+        if right
+        else f"{chosen.name} {words}: code {done.returncode} in {took:.1f} s, {told[-3:]}"
+    )
 
 
 WHAT: dict[str, Callable[[], Callable[[random.Random], str]]] = {
-    "replay": lambda: replay, "clock": lambda: clock, "parameters": Live, "paths": lambda: paths,
-}  # fmt: skip
+    "replay": lambda: replay,
+    "clock": lambda: clock,
+    "parameters": Live,
+    "paths": lambda: paths,
+}
 """Makers of what runs once for a random number generator, and tells what is wrong"""
 
 

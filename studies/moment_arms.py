@@ -40,8 +40,12 @@ class Group(NamedTuple):
 
 FLEXION, DORSIFLEXION = (-10.0, 110.0), (-30.0, 25.0)
 GROUPS = (
-    Group("quadriceps", ("vas_int_r", "rect_fem_r"), KNEE, -1.0, FLEXION, moment_arms.QUADRICEPS, 1.0),
-    Group("hamstrings", ("bifemlh_r", "bifemsh_r"), KNEE, -1.0, FLEXION, moment_arms.HAMSTRINGS, -1.0),
+    Group(
+        "quadriceps", ("vas_int_r", "rect_fem_r"), KNEE, -1.0, FLEXION, moment_arms.QUADRICEPS, 1.0
+    ),
+    Group(
+        "hamstrings", ("bifemlh_r", "bifemsh_r"), KNEE, -1.0, FLEXION, moment_arms.HAMSTRINGS, -1.0
+    ),
     Group("gastrocnemius", CALF[:1], KNEE, -1.0, FLEXION, moment_arms.GASTROCNEMIUS, -1.0),
     Group("achilles", CALF, ANKLE, 1.0, DORSIFLEXION, moment_arms.ACHILLES, -1.0),
 )
@@ -78,13 +82,18 @@ class Arms:
         """Moment arm [m] of a muscle about a coordinate with a value [rad], all others at their defaults."""
         self._coordinates[coordinate].setValue(self._state, value)
         self._model.realizePosition(self._state)
-        return float(self._muscles[muscle].computeMomentArm(self._state, self._coordinates[coordinate]))
+        return float(
+            self._muscles[muscle].computeMomentArm(self._state, self._coordinates[coordinate])
+        )
 
     def of(self, group: Group, angles: Floats) -> Floats:
         """Moment arms of a group [m], positive, at angles [rad], shape (n,)."""
         weights = np.array([self.strength(name) for name in group.muscles])
         rows = [
-            [group.positive * self.at(name, group.coordinate, group.sign * angle) for name in group.muscles]
+            [
+                group.positive * self.at(name, group.coordinate, group.sign * angle)
+                for name in group.muscles
+            ]
             for angle in angles.tolist()
         ]
         self._coordinates[group.coordinate].setValue(self._state, 0.0)
@@ -108,7 +117,11 @@ def row(group: Group, arms: Arms) -> list[str]:
         f"{MM * np.sqrt(np.mean((np.polynomial.polynomial.polyval(angles, each) - truth) ** 2)):.2f} mm"
         for each in (fit, group.shipped)
     ]
-    return [group.name, *(", ".join(f"{number:.5f}" for number in each) for each in (fit, group.shipped)), *off]
+    return [
+        group.name,
+        *(", ".join(f"{number:.5f}" for number in each) for each in (fit, group.shipped)),
+        *off,
+    ]
 
 
 @click.command()
@@ -119,9 +132,17 @@ def main(model: Path) -> None:
         click.echo("OpenSim is not installed (pip install -e '.[opensim]'): nothing is fitted")
         return
     arms = Arms(model)
-    header = ("muscles", "fitted [m], by powers of rad", "in the package", "RMS of the fit", "RMS of the package")
+    header = (
+        "muscles",
+        "fitted [m], by powers of rad",
+        "in the package",
+        "RMS of the fit",
+        "RMS of the package",
+    )
     click.echo(tabulate([row(group, arms) for group in GROUPS], header, disable_numparse=True))
-    click.echo(f"\ngastrocnemius share {share(arms):.3f}, in the package {moment_arms.GASTROCNEMIUS_SHARE}")
+    click.echo(
+        f"\ngastrocnemius share {share(arms):.3f}, in the package {moment_arms.GASTROCNEMIUS_SHARE}"
+    )
 
 
 if __name__ == "__main__":

@@ -86,27 +86,43 @@ class Knees(NamedTuple):
 def compute(axes: tuple[Floats, Floats, Floats]) -> Knees:
     """Compute every knee of a grid under both drives."""
     shape = tuple(map(len, axes))
-    values = dict(zip((SHARE, LAYER, SECOND), (one.ravel() for one in np.meshgrid(*axes, indexing="ij")), strict=True))
+    values = dict(
+        zip(
+            (SHARE, LAYER, SECOND),
+            (one.ravel() for one in np.meshgrid(*axes, indexing="ij")),
+            strict=True,
+        )
+    )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a second layer softer than cartilage is asked for
-        healthy = knee_contact_ros.sweep(BAG, {SHARE: axes[0], **TOLERANCE}, "healthy", series=True)
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # a second layer softer than cartilage is asked for
+        healthy = knee_contact_ros.sweep(
+            BAG, {SHARE: axes[0], **TOLERANCE}, "healthy", series=True
+        )
         forced = knee_contact_ros.sweep(BAG, {**values, **TOLERANCE}, "osteoarthritis")
         led = [
             along(path, {name: values[name][values[SHARE] == share] for name in (LAYER, SECOND)})
             for path, share in zip(np.asarray(healthy.series), axes[0], strict=True)
         ]
     return Knees(
-        axes, healthy.outcomes, forced.outcomes.reshape(shape), np.stack(led).reshape(shape).view(np.recarray)
-    )  # fmt: skip
+        axes,
+        healthy.outcomes,
+        forced.outcomes.reshape(shape),
+        np.stack(led).reshape(shape).view(np.recarray),
+    )
 
 
 def along(path: Any, values: dict[str, Floats], raised: float = 0.0) -> Any:
     """Outcomes of arthritic knees whose height is that of a healthy run's answers, `raised` [m]."""
     gait = {
-        "time": 1e-9 * path["stamp"], "flexion_angle": path["flexion_angle"],
+        "time": 1e-9 * path["stamp"],
+        "flexion_angle": path["flexion_angle"],
         "femoral_height": path["femoral_height"] + raised,
-    }  # fmt: skip
-    return knee_contact_ros.sweep(gait, values, ["osteoarthritis", {"drive": "displacement", **TOLERANCE}]).outcomes
+    }
+    return knee_contact_ros.sweep(
+        gait, values, ["osteoarthritis", {"drive": "displacement", **TOLERANCE}]
+    ).outcomes
 
 
 def limit(layer: Floats | float, depth: float) -> Floats:
@@ -120,7 +136,11 @@ def limit(layer: Floats | float, depth: float) -> Floats:
 def sections(knees: Knees) -> list[Section]:
     """The page: question, result and picture."""
     _, layers, seconds = knees.axes
-    forced, led, depth = knees.ratio(knees.forced), knees.ratio(knees.led), knees.healthy.peak_depth
+    forced, led, depth = (
+        knees.ratio(knees.forced),
+        knees.ratio(knees.led),
+        knees.healthy.peak_depth,
+    )
     reached = np.broadcast_to(layers[None, :, None] < depth[:, None, None], led.shape)
     limits = np.stack([limit(layers, float(one)) for one in depth])
     right = reached & ((led > 1.0) == (seconds > limits[..., None]))
@@ -130,33 +150,82 @@ def sections(knees: Knees) -> list[Section]:
         int(np.argmin(np.abs(seconds - SHIPPED.stiffness_2))),
     )
     counts = [
-        (name, *(str(int(one.sum())) for one in (ratio < 1.0 - SAME, abs(ratio - 1.0) <= SAME, ratio > 1.0 + SAME)),
-         f"{ratio.min():.3f} to {ratio.max():.3g}")
+        (
+            name,
+            *(
+                str(int(one.sum()))
+                for one in (ratio < 1.0 - SAME, abs(ratio - 1.0) <= SAME, ratio > 1.0 + SAME)
+            ),
+            f"{ratio.min():.3f} to {ratio.max():.3g}",
+        )
         for name, ratio in (("load", forced), ("femur's height", led))
-    ]  # fmt: skip
+    ]
     answer = ANSWER.format(
-        forced=(forced.min(), forced.max()), depths=MM * depth[[0, -1]], bone=SHIPPED.stiffness_2 / FIRST,
-        limit=float(limit(SHIPPED.layer_depth, float(depth[0]))) / FIRST, right=int(right.sum()),
-        reached=int(reached.sum()), shipped=led[cell], lost=MM * (depth[0] - knees.forced.peak_depth[cell]),
-    )  # fmt: skip
+        forced=(forced.min(), forced.max()),
+        depths=MM * depth[[0, -1]],
+        bone=SHIPPED.stiffness_2 / FIRST,
+        limit=float(limit(SHIPPED.layer_depth, float(depth[0]))) / FIRST,
+        right=int(right.sum()),
+        reached=int(reached.sum()),
+        shipped=led[cell],
+        lost=MM * (depth[0] - knees.forced.peak_depth[cell]),
+    )
     rows = []
     for layer, second in CHOSEN:
-        at = (0, int(np.argmin(np.abs(MM * layers - layer))), int(np.argmin(np.abs(seconds / FIRST - second))))
-        numbers = (knees.forced.peak_force[at] / BODY_WEIGHT, MM * knees.forced.peak_depth[at],
-                   1e-6 * knees.forced.peak_pressure[at], knees.led.peak_force[at] / BODY_WEIGHT)  # fmt: skip
-        rows.append((f"{MM * layers[at[1]]:g}", f"{seconds[at[2]] / FIRST:.3g}", *(f"{one:.3f}" for one in numbers)))
+        at = (
+            0,
+            int(np.argmin(np.abs(MM * layers - layer))),
+            int(np.argmin(np.abs(seconds / FIRST - second))),
+        )
+        numbers = (
+            knees.forced.peak_force[at] / BODY_WEIGHT,
+            MM * knees.forced.peak_depth[at],
+            1e-6 * knees.forced.peak_pressure[at],
+            knees.led.peak_force[at] / BODY_WEIGHT,
+        )
+        rows.append(
+            (
+                f"{MM * layers[at[1]]:g}",
+                f"{seconds[at[2]] / FIRST:.3g}",
+                *(f"{one:.3f}" for one in numbers),
+            )
+        )
     own = knees.healthy[0]
     force = f"{own.peak_force / BODY_WEIGHT:.3f}"
-    rows.insert(0, ("healthy", "", force, f"{MM * own.peak_depth:.3f}", f"{1e-6 * own.peak_pressure:.3f}", force))
+    rows.insert(
+        0,
+        (
+            "healthy",
+            "",
+            force,
+            f"{MM * own.peak_depth:.3f}",
+            f"{1e-6 * own.peak_pressure:.3f}",
+            force,
+        ),
+    )
     ends = {"layers": MM * layers[[0, -1]], "seconds": seconds[[0, -1]] / FIRST}
     return [
-        Section("", QUESTION.strip().format(**ends), ("given", "drops", "within 1 %", "rises", "of the healthy peak"),
-                counts),
+        Section(
+            "",
+            QUESTION.strip().format(**ends),
+            ("given", "drops", "within 1 %", "rises", "of the healthy peak"),
+            counts,
+        ),
         Section("The answer", answer.strip(), (), ()),
-        Section("Some knees", "Share 0.5; BW is 737 N.",
-                ("h [mm]", "K₂ / K₁", "load given: force [BW]", "depth [mm]", "pressure [MPa]",
-                 "height given: force [BW]"), rows),
-    ]  # fmt: skip
+        Section(
+            "Some knees",
+            "Share 0.5; BW is 737 N.",
+            (
+                "h [mm]",
+                "K₂ / K₁",
+                "load given: force [BW]",
+                "depth [mm]",
+                "pressure [MPa]",
+                "height given: force [BW]",
+            ),
+            rows,
+        ),
+    ]
 
 
 def draw(knees: Knees, path: Path) -> None:
@@ -168,36 +237,77 @@ def draw(knees: Knees, path: Path) -> None:
     figure = Figure(figsize=(8.0, 6.2), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for row, place in zip(axes, (0, -1), strict=True):
-        for axis, of, title in zip(row, (knees.forced, knees.led), ("load given", "height given"), strict=True):
+        for axis, of, title in zip(
+            row, (knees.forced, knees.led), ("load given", "height given"), strict=True
+        ):
             image = axis.pcolormesh(
-                MM * layers, seconds / FIRST, knees.ratio(of)[place].T, cmap="RdBu_r", norm=BoundaryNorm(BANDS, 256),
-                shading="nearest", rasterized=True,
-            )  # fmt: skip
-            axis.axvline(MM * knees.healthy.peak_depth[place], color="black", linestyle="--", label="healthy depth")
-            axis.plot(MM * SHIPPED.layer_depth, SHIPPED.stiffness_2 / FIRST, "*", color="black", label="shipped knee")
+                MM * layers,
+                seconds / FIRST,
+                knees.ratio(of)[place].T,
+                cmap="RdBu_r",
+                norm=BoundaryNorm(BANDS, 256),
+                shading="nearest",
+                rasterized=True,
+            )
+            axis.axvline(
+                MM * knees.healthy.peak_depth[place],
+                color="black",
+                linestyle="--",
+                label="healthy depth",
+            )
+            axis.plot(
+                MM * SHIPPED.layer_depth,
+                SHIPPED.stiffness_2 / FIRST,
+                "*",
+                color="black",
+                label="shipped knee",
+            )
             axis.set(xscale="log", yscale="log", title=f"{title}, share {shares[place]:.1f}")
             axis.set_xticks([0.25, 0.5, 1.0, 2.0], ["0.25", "0.5", "1", "2"])
             axis.minorticks_off()
     fine = np.linspace(layers[0], knees.healthy.peak_depth[0], 200)[:-1]
-    axes[0, 1].plot(MM * fine, limit(fine, float(knees.healthy.peak_depth[0])) / FIRST, "k", label="the limit at rest")
+    axes[0, 1].plot(
+        MM * fine,
+        limit(fine, float(knees.healthy.peak_depth[0])) / FIRST,
+        "k",
+        label="the limit at rest",
+    )
     axes[0, 1].legend(fontsize=8, loc="upper right")
     figure.supxlabel("first layer h [mm]")
     figure.supylabel("second stiffness K₂ / K₁")
     figure.colorbar(
-        image, ax=axes, ticks=BANDS, spacing="uniform", format="%g", label="peak force over the healthy knee's"
+        image,
+        ax=axes,
+        ticks=BANDS,
+        spacing="uniform",
+        format="%g",
+        label="peak force over the healthy knee's",
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130, metadata={"Software": None})
 
 
-HEADER = ("share", "layer_mm", "stiffness_2", "force_drive_peak_n", "force_drive_over_healthy", "force_drive_depth_mm",
-          "force_drive_second_layer_s", "force_drive_pressure_mpa", "displacement_peak_n",
-          "displacement_over_healthy")  # fmt: skip
+HEADER = (
+    "share",
+    "layer_mm",
+    "stiffness_2",
+    "force_drive_peak_n",
+    "force_drive_over_healthy",
+    "force_drive_depth_mm",
+    "force_drive_second_layer_s",
+    "force_drive_pressure_mpa",
+    "displacement_peak_n",
+    "displacement_over_healthy",
+)
 
 
 def write_csv(knees: Knees, path: Path) -> None:
     """Write the knees at the ends of the shares, with five digits."""
-    forced, led, (shares, layers, seconds) = knees.ratio(knees.forced), knees.ratio(knees.led), knees.axes
+    forced, led, (shares, layers, seconds) = (
+        knees.ratio(knees.forced),
+        knees.ratio(knees.led),
+        knees.axes,
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
@@ -206,20 +316,38 @@ def write_csv(knees: Knees, path: Path) -> None:
             if cell[0] in {0, len(shares) - 1}:
                 of = knees.forced[cell]
                 numbers = (
-                    shares[cell[0]], MM * layers[cell[1]], seconds[cell[2]], of.peak_force, forced[cell],
-                    MM * of.peak_depth, of.bone_time, 1e-6 * of.peak_pressure, knees.led.peak_force[cell], led[cell],
-                )  # fmt: skip
+                    shares[cell[0]],
+                    MM * layers[cell[1]],
+                    seconds[cell[2]],
+                    of.peak_force,
+                    forced[cell],
+                    MM * of.peak_depth,
+                    of.bone_time,
+                    1e-6 * of.peak_pressure,
+                    knees.led.peak_force[cell],
+                    led[cell],
+                )
                 rows.writerow([f"{number:.5g}" for number in numbers])
 
 
 @click.command()
-@click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="Gets studies/ and images/.")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path),
+    default=Path("docs"),
+    help="Gets studies/ and images/.",
+)
 def main(folder: Path) -> None:
     """Compute all knees, and write page, picture and table."""
     grid = read_study(STUDY, Study).grid
     knees = compute((np.array(grid[SHARE]), np.array(grid[LAYER]), np.array(grid[SECOND])))
-    save(folder / "studies" / "osteoarthritis-study.md", "Can the contact force drop in osteoarthritis?",
-         "python -m studies.osteoarthritis", sections(knees), machine())  # fmt: skip
+    save(
+        folder / "studies" / "osteoarthritis-study.md",
+        "Can the contact force drop in osteoarthritis?",
+        "python -m studies.osteoarthritis",
+        sections(knees),
+        machine(),
+    )
     write_csv(knees, folder / "studies" / "osteoarthritis.csv")
     draw(knees, folder / "images" / "osteoarthritis_force.png")
 

@@ -35,7 +35,14 @@ TRUSTED = 0.1
 """Share of the tolerance that the finer run's own estimate may reach where it is compared with"""
 ROUNDING = 1e-11
 """Share of the energies involved that is rounding: some 1e4 steps, each of some 1e-16"""
-FIELDS = ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate")
+FIELDS = (
+    "contact_force",
+    "penetration_depth",
+    "gap",
+    "penetration_rate",
+    "femoral_height",
+    "error_estimate",
+)
 
 
 class Outcome(NamedTuple):
@@ -59,7 +66,9 @@ def judge(scene: Scene, level: str = "dynamic", quick: bool = False) -> Outcome:
         series = run(scene, level=level, quick=quick)
         finer = run(scene, scene.tolerance / FINER, FINE_BUDGET, quick=quick)
     except Exception as raised:  # any exception is the failure that is looked for
-        return Outcome(len(scene.time), 0, 0, 0, 0.0, -math.inf, (f"{type(raised).__name__}: {raised}",))
+        return Outcome(
+            len(scene.time), 0, 0, 0, 0.0, -math.inf, (f"{type(raised).__name__}: {raised}",)
+        )
     failures = promises(series, scene.tolerance, level)
     said = series.status & Status.NOT_CONVERGED != 0
     settled = said & (series.fidelity == Fidelity.QUASI_STATIC)
@@ -71,9 +80,14 @@ def judge(scene: Scene, level: str = "dynamic", quick: bool = False) -> Outcome:
     if gains.size and gains.max() > 1.0:
         failures.append(f"energy made: {gains.max():.3g} times what is allowed")
     return Outcome(
-        len(series), int(said.sum()), int(settled.sum()), int(known.sum()), float(error.max(initial=0.0)),
-        float(gains.max(initial=-math.inf)), tuple(failures),
-    )  # fmt: skip
+        len(series),
+        int(said.sum()),
+        int(settled.sum()),
+        int(known.sum()),
+        float(error.max(initial=0.0)),
+        float(gains.max(initial=-math.inf)),
+        tuple(failures),
+    )
 
 
 def promises(series: np.recarray[Any, Any], tolerance: float, level: str = "dynamic") -> list[str]:
@@ -84,10 +98,14 @@ def promises(series: np.recarray[Any, Any], tolerance: float, level: str = "dyna
         missed |= series.fidelity == Fidelity.QUASI_STATIC
     found = [f"{field} not finite" for field in FIELDS if not np.isfinite(series[field]).all()]
     found += (
-        ["contact_point not finite"] if not all(np.isfinite(series.contact_point[axis]).all() for axis in "xyz") else []
+        ["contact_point not finite"]
+        if not all(np.isfinite(series.contact_point[axis]).all() for axis in "xyz")
+        else []
     )
     found += ["pulls"] if (series.contact_force < 0.0).any() else []
-    found += ["depth and gap at once"] if (series.penetration_depth * series.gap != 0.0).any() else []
+    found += (
+        ["depth and gap at once"] if (series.penetration_depth * series.gap != 0.0).any() else []
+    )
     found += ["a miss is not said"] if (missed & ~said).any() else []
     return found
 
@@ -126,7 +144,11 @@ class Energy:
             inside = min(depth, end) - layer.begin
             if inside > 0.0:
                 force = [layer.force_at(layer.begin + inside * u * u, 0.0)[0] for u in NODES]
-                total += 2.0 * inside * sum(w * u * f for w, u, f in zip(WEIGHTS, NODES, force, strict=True))
+                total += (
+                    2.0
+                    * inside
+                    * sum(w * u * f for w, u, f in zip(WEIGHTS, NODES, force, strict=True))
+                )
         return total
 
     def reach(self, start: float, load: float) -> float:
@@ -143,7 +165,11 @@ class Energy:
         depth is one of e√(k/m), or of e c/m where the dashpot c holds it back, in the speed (`model.error_estimate`).
         """
         slopes = [layer.force_at(depth, 0.0)[1:] for layer in self.law.layers]
-        stiffness = max(slope[0] for slope, layer in zip(slopes, self.law.layers, strict=True) if layer.begin < depth)
+        stiffness = max(
+            slope[0]
+            for slope, layer in zip(slopes, self.law.layers, strict=True)
+            if layer.begin < depth
+        )
         damping = max(slope[1] for slope in slopes)
         off = error * max(math.sqrt(stiffness / self.mass), damping / self.mass, 10.0)
         return self.mass * off * (math.sqrt(2.0 * energy / self.mass) + 0.5 * off)
@@ -172,7 +198,9 @@ def energy_gains(scene: Scene, series: np.recarray[Any, Any]) -> NDArray[np.floa
             for row in (series[i - 1], series[i])
         ]
         # What can turn into motion: all but the load's potential at the lowest point that can be reached.
-        moving = max(kinetic + elastic for kinetic, elastic, _ in parts) + abs(parts[0][2] - parts[1][2])
+        moving = max(kinetic + elastic for kinetic, elastic, _ in parts) + abs(
+            parts[0][2] - parts[1][2]
+        )
         moving += abs(load) * max(series.gap[i - 1], series.gap[i])
         reach = energy.reach(moving, load)
         swing = moving + max(load, 0.0) * reach
@@ -187,12 +215,25 @@ PATIENCE = 20
 """Time [s] after which the independent reference is given up"""
 REFERENCE_SCENES = 40
 HEADER = (
-    "level", "scenes", "ticks", "failed", "ticks flagged NOT_CONVERGED", "of them settled", "ticks compared",
-    "largest error / tolerance where not flagged", "worst energy balance",
-)  # fmt: skip
+    "level",
+    "scenes",
+    "ticks",
+    "failed",
+    "ticks flagged NOT_CONVERGED",
+    "of them settled",
+    "ticks compared",
+    "largest error / tolerance where not flagged",
+    "worst energy balance",
+)
 REFERENCE_HEADER = (
-    "scenes", "given up", "failed", "ticks", "flagged", "ticks compared", "largest error / tolerance where not flagged",
-)  # fmt: skip
+    "scenes",
+    "given up",
+    "failed",
+    "ticks",
+    "flagged",
+    "ticks compared",
+    "largest error / tolerance where not flagged",
+)
 TEXT = f"""
 A tick may cost {BUDGET} evaluations of the contact law; beyond, it is answered with the static solution
 (settled), which is flagged, as are the ticks after it until the contact has forgotten the difference.
@@ -225,12 +266,22 @@ class Against(NamedTuple):
 
 def row(level: str, outcomes: Sequence[Outcome]) -> list[str]:
     """Row of the table for a level."""
-    counts = np.array([(one.ticks, one.flagged, one.settled, one.compared) for one in outcomes]).sum(axis=0)
+    counts = np.array(
+        [(one.ticks, one.flagged, one.settled, one.compared) for one in outcomes]
+    ).sum(axis=0)
     ticks, flagged, settled, compared = counts.tolist()
     failed = sum(bool(outcome.failures) for outcome in outcomes)
-    error, energy = max(outcome.error for outcome in outcomes), max(outcome.energy for outcome in outcomes)
+    error, energy = (
+        max(outcome.error for outcome in outcomes),
+        max(outcome.energy for outcome in outcomes),
+    )
     balance = f"{energy:.1e}" if np.isfinite(energy) else "-"
-    return [level, *map(str, (len(outcomes), ticks, failed, flagged, settled, compared)), f"{error:.2g}", balance]
+    return [
+        level,
+        *map(str, (len(outcomes), ticks, failed, flagged, settled, compared)),
+        f"{error:.2g}",
+        balance,
+    ]
 
 
 def layers_of(scene: Scene) -> reference.Layers:
@@ -242,7 +293,9 @@ def layers_of(scene: Scene) -> reference.Layers:
     damping = constants.get("damping", 0.0)
     if scene.law.startswith("two_layer"):
         damped = bool(constants.get("damp_first_layer", False))
-        return reference.two_layer(*spring, damping, constants["layer_depth"], constants["stiffness_2"], damped)
+        return reference.two_layer(
+            *spring, damping, constants["layer_depth"], constants["stiffness_2"], damped
+        )
     if "restitution" not in constants:
         return reference.kelvin_voigt(*spring, damping)
     e = constants["restitution"]
@@ -261,9 +314,13 @@ def against_reference(scene: Scene, budget: int = BUDGET) -> Against:
     said = series.status & Status.NOT_CONVERGED != 0
     surface = circle if scene.femur == "circle" else ellipse(*HALF_AXES)
     stiff = scene.arguments.get("damping", 0.0) / scene.mass > 1e5
-    time, angle, load = (np.array(column, dtype=np.float64) for column in (scene.time, scene.angle, scene.load))
+    time, angle, load = (
+        np.array(column, dtype=np.float64) for column in (scene.time, scene.angle, scene.load)
+    )
     time = np.round(time * 1e9) * 1e-9  # stamps are whole nanoseconds: at 100 m/s one is 0.1 µm
-    theirs = reference.Scene(time, angle, load, layers_of(scene), scene.mass, ByDepth(surface), stiff)
+    theirs = reference.Scene(
+        time, angle, load, layers_of(scene), scene.mass, ByDepth(surface), stiff
+    )
     previous = signal.signal(signal.SIGALRM, _give_up)
     signal.alarm(PATIENCE)
     try:
@@ -287,12 +344,18 @@ def reference_row(found: Sequence[Against]) -> list[str]:
     solved = [one for one in found if one.error is not None]
     errors = [one.error for one in found if one.error is not None]
     failed = sum(error > 1.0 for error in errors)
-    sums = (sum(one.ticks for one in solved), sum(one.flagged for one in solved), sum(one.compared for one in solved))
+    sums = (
+        sum(one.ticks for one in solved),
+        sum(one.flagged for one in solved),
+        sum(one.compared for one in solved),
+    )
     numbers = (len(found), len(found) - len(errors), failed, *sums)
     return [*map(str, numbers), f"{max(errors, default=0.0):.2g}"]
 
 
-def report_failures(scenes: Sequence[Scene], outcomes: Sequence[Outcome], say: Callable[[str], None]) -> None:
+def report_failures(
+    scenes: Sequence[Scene], outcomes: Sequence[Outcome], say: Callable[[str], None]
+) -> None:
     """Print what failed, ready to be run again."""
     for scene, outcome in zip(scenes, outcomes, strict=True):
         for failure in outcome.failures:
@@ -300,7 +363,9 @@ def report_failures(scenes: Sequence[Scene], outcomes: Sequence[Outcome], say: C
 
 
 @click.command()
-@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/stability.md"))
+@click.option(
+    "--output", type=click.Path(path_type=Path), default=Path("docs/studies/stability.md")
+)
 @click.option("--scenes", default=400, show_default=True, help="Random scenes.")
 @click.option("--seed", default=0, show_default=True)
 def main(output: Path, scenes: int, seed: int) -> None:
@@ -315,7 +380,9 @@ def main(output: Path, scenes: int, seed: int) -> None:
         pending = pool.map(against_reference, checked)
         tried = stability_scenes.random_scenes(seed, scenes)
         for level in ("dynamic", "quasi_static"):
-            outcomes = list(pool.map(functools.partial(judge, level=level, quick=True), tried, chunksize=2))
+            outcomes = list(
+                pool.map(functools.partial(judge, level=level, quick=True), tried, chunksize=2)
+            )
             rows.append(row(level, outcomes))
             say(" | ".join(rows[-1]))
             report_failures(tried, outcomes, say)

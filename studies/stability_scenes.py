@@ -53,7 +53,12 @@ class Scene(NamedTuple):
 
 
 def arguments_of(
-    law: str, stiffness: float, exponent: float, damping: float, layer: float = 1e-4, ratio: float = 40.0
+    law: str,
+    stiffness: float,
+    exponent: float,
+    damping: float,
+    layer: float = 1e-4,
+    ratio: float = 40.0,
 ) -> dict[str, float]:
     """Arguments of a law from the numbers that are varied.
 
@@ -65,10 +70,15 @@ def arguments_of(
         unit = CONTACT_LAWS[law](**_foundation(1.0)).static_force(1.0)
         return _foundation(stiffness / unit)
     given = {
-        "stiffness": stiffness, "exponent": exponent, "damping": damping, "layer_depth": layer,
-        "stiffness_2": stiffness * ratio, "damp_first_layer": bool(exponent < 2.0),
-        "restitution": 1.0 - 0.14 * math.log10(1.0 + damping), "least_impact_speed": 0.01,
-    }  # fmt: skip
+        "stiffness": stiffness,
+        "exponent": exponent,
+        "damping": damping,
+        "layer_depth": layer,
+        "stiffness_2": stiffness * ratio,
+        "damp_first_layer": bool(exponent < 2.0),
+        "restitution": 1.0 - 0.14 * math.log10(1.0 + damping),
+        "least_impact_speed": 0.01,
+    }
     return {name: given.get(name, getattr(DEFAULTS, name)) for name in constants_of(law)}
 
 
@@ -108,7 +118,11 @@ def femur(name: str) -> Circle | Profile | SmoothFemur:
     }
     if name == "circle":
         return Circle(RADIUS)
-    return SmoothFemur(closed_form=Ellipse(a, b).support) if name == "closed ellipse" else Profile(*profiles[name]())
+    return (
+        SmoothFemur(closed_form=Ellipse(a, b).support)
+        if name == "closed ellipse"
+        else Profile(*profiles[name]())
+    )
 
 
 DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")
@@ -167,8 +181,16 @@ def run(
     state[[ticks.TRY_STEP, ticks.IMPACT]] = math.inf, math.nan
     answers = blank(len(scene.time))
     start = answers[:1]
-    start["flexion_angle"], start["load"], start["fidelity"] = scene.angle[0], scene.load[0], Fidelity.DYNAMIC
-    start["gap"], start["penetration_rate"], start["femoral_height"] = scene.start_gap, scene.thrown, height
+    start["flexion_angle"], start["load"], start["fidelity"] = (
+        scene.angle[0],
+        scene.load[0],
+        Fidelity.DYNAMIC,
+    )
+    start["gap"], start["penetration_rate"], start["femoral_height"] = (
+        scene.start_gap,
+        scene.thrown,
+        height,
+    )
     times = np.rint(np.array(scene.time) / NANOSECOND) * NANOSECOND
     columns = np.diff(times), scene.angle[1:], scene.load[1:], np.full(len(times) - 1, math.nan)
     model.compute(np.column_stack(columns), answers[1:], state)
@@ -209,12 +231,21 @@ def random_scene(uniform: Uniform, femurs: tuple[str, ...] = FEMURS, ticks: int 
     law = choice(LAWS)
     damping = decades(DAMPING) if uniform(0.0, 1.0) < 0.8 else 0.0
     ratio = decades((1e-3, 1e3))
-    arguments = arguments_of(law, decades(STIFFNESS), uniform(*EXPONENT), damping, decades(LAYER), ratio)
+    arguments = arguments_of(
+        law, decades(STIFFNESS), uniform(*EXPONENT), damping, decades(LAYER), ratio
+    )
     thrown = decades(SPEED) if uniform(0.0, 1.0) < 0.3 else 0.0
     return Scene(
-        law, arguments, decades(MASS), decades(TOLERANCE), times(decades(TICK), ticks),
-        steps(ANGLE), steps(LOAD), choice(femurs), thrown,
-    )  # fmt: skip
+        law,
+        arguments,
+        decades(MASS),
+        decades(TOLERANCE),
+        times(decades(TICK), ticks),
+        steps(ANGLE),
+        steps(LOAD),
+        choice(femurs),
+        thrown,
+    )
 
 
 def random_scenes(seed: int, count: int) -> list[Scene]:
@@ -226,7 +257,9 @@ def reference_scenes(seed: int, count: int) -> list[Scene]:
     """Random scenes that the reference can solve: closed-form femora from a static start, in short ticks."""
     found = []
     for i in range(count):
-        scene = random_scene(np.random.default_rng((seed, i, 1)).uniform, ("circle", "closed ellipse"), 6)
+        scene = random_scene(
+            np.random.default_rng((seed, i, 1)).uniform, ("circle", "closed ellipse"), 6
+        )
         shorter = min(1.0, 5e-3 / scene.time[1])
         found.append(scene._replace(thrown=0.0, time=tuple(time * shorter for time in scene.time)))
     return found

@@ -82,7 +82,9 @@ def copy_by_mcap(bag: Path, output: Path) -> int:
     """Read and write by mcap what `solve` does, in chunks of the same size; the answers' bytes are prepared."""
     output.mkdir()
     with (output / "out.mcap").open("wb") as file:
-        writer = McapWriter(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        writer = McapWriter(
+            file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True
+        )
         writer.start(profile="ros2")
         channels = {}
         for topic in EACH_TICK:
@@ -117,7 +119,10 @@ def prepared() -> list[tuple[str, bytes]]:
     """An answer and its wrench, serialised, with their topics."""
     row, frame = blank(1).tobytes(), "tibia_r"
     wrench = encode_answer_wrench(0, frame, row)
-    return [(f"/{KNEE_CONTACT}", encode_answer(0, frame, row)), (f"/{KNEE_CONTACT_WRENCH}", wrench)]
+    return [
+        (f"/{KNEE_CONTACT}", encode_answer(0, frame, row)),
+        (f"/{KNEE_CONTACT_WRENCH}", wrench),
+    ]
 
 
 ANSWERS = prepared()
@@ -129,7 +134,14 @@ WAYS: dict[str, Way] = {
 }
 
 MB = 1e6
-HEADER = ("what", "time [s]", "of which a processor works [s]", "times real time", "over `solve`", "memory [MB]")
+HEADER = (
+    "what",
+    "time [s]",
+    "of which a processor works [s]",
+    "times real time",
+    "over `solve`",
+    "memory [MB]",
+)
 TEXT = """
 A bag of {ticks} ticks at 1 kHz (an angle and a force each, {size:.0f} MB) and healthy.yaml. `solve` checks, hashes and
 reads the bag, computes, and writes four messages a tick. `mcap` reads the same inputs, or reads them and writes as many
@@ -156,26 +168,49 @@ def measure(way: str, bag: Path, output: Path) -> Measured:
     begin = time.perf_counter(), time.process_time()
     read = WAYS[way](bag, output)
     seconds, processor = time.perf_counter() - begin[0], time.process_time() - begin[1]
-    return Measured(seconds, processor, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MB, read)
+    return Measured(
+        seconds, processor, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / MB, read
+    )
 
 
 def measured(way: str, bag: Path, work: Path) -> Measured:
     """Measure a way in a process of its own."""
     output = work / "out"
-    command = [sys.executable, "-m", "studies.throughput", "--way", way, "--work", str(output), "--bag", str(bag)]
+    command = [
+        sys.executable,
+        "-m",
+        "studies.throughput",
+        "--way",
+        way,
+        "--work",
+        str(output),
+        "--bag",
+        str(bag),
+    ]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     shutil.rmtree(output, ignore_errors=True)
     return Measured(*json.loads(done.stdout))
 
 
 @click.command()
-@click.option("--output", type=click.Path(path_type=Path), default="docs/studies/throughput.md", show_default=True)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    default="docs/studies/throughput.md",
+    show_default=True,
+)
 @click.option("--ticks", type=click.IntRange(1000), default=3_600_000, show_default=True)
 @click.option("--rounds", type=click.IntRange(1), default=1, show_default=True)
-@click.option("--work", type=click.Path(path_type=Path), help="Where the bags go. [default: a temporary folder]")
+@click.option(
+    "--work",
+    type=click.Path(path_type=Path),
+    help="Where the bags go. [default: a temporary folder]",
+)
 @click.option("--way", type=click.Choice(list(WAYS)), hidden=True)
 @click.option("--bag", type=click.Path(path_type=Path), hidden=True)
-def main(output: Path, ticks: int, rounds: int, work: Path | None, way: str | None, bag: Path | None) -> None:
+def main(
+    output: Path, ticks: int, rounds: int, work: Path | None, way: str | None, bag: Path | None
+) -> None:
     """Measure all ways, or, with the hidden options, be one of the processes that are measured."""
     if way and work and bag:
         click.echo(json.dumps(measure(way, bag, work)))
@@ -197,15 +232,21 @@ def report(output: Path, ticks: int, rounds: int, work: Path) -> None:
             if one.read != 2 * ticks:
                 raise RuntimeError(f"{way} has read {one.read} messages")
             times.append(one)
-            click.echo(f"{way}: {one.seconds:.1f} s ({one.processor:.1f} s of processors), {one.memory:.0f} MB")
+            click.echo(
+                f"{way}: {one.seconds:.1f} s ({one.processor:.1f} s of processors), {one.memory:.0f} MB"
+            )
     best = {way: min(times) for way, times in found.items()}
     rows = [
         (
-            way, f"{one.seconds:.1f}", f"{one.processor:.1f}", f"{ticks / RATE / one.seconds:.0f}",
-            f"{one.seconds / best[SOLVE].seconds:.1f}", f"{max(times.memory for times in found[way]):.0f}",
+            way,
+            f"{one.seconds:.1f}",
+            f"{one.processor:.1f}",
+            f"{ticks / RATE / one.seconds:.0f}",
+            f"{one.seconds / best[SOLVE].seconds:.1f}",
+            f"{max(times.memory for times in found[way]):.0f}",
         )
         for way, one in best.items()
-    ]  # fmt: skip
+    ]
     text = TEXT.strip().format(ticks=ticks, size=bag.stat().st_size / MB, rounds=rounds)
     command = f"python -m studies.throughput --ticks {ticks} --rounds {rounds}"
     save(output, "Throughput", command, [Section("", text, HEADER, rows)], machine())

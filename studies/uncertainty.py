@@ -22,10 +22,20 @@ KNEES: dict[str, list[str]] = {
     "two layers, first one undamped (osteoarthritis)": ["osteoarthritis"],
     "both compartments from MRI": ["healthy", "both_compartments"],
 }
-SMALL = {"flexion_angle": 0.01, "axial_load": "2 %", "medial_share": 0.02, "contact.stiffness": "5 %",
-         "contact.damping": "10 %"}  # fmt: skip
-LARGE = {"flexion_angle": 0.035, "axial_load": "5 %", "medial_share": 0.06, "contact.stiffness": "20 %",
-         "contact.damping": "50 %"}  # fmt: skip
+SMALL = {
+    "flexion_angle": 0.01,
+    "axial_load": "2 %",
+    "medial_share": 0.02,
+    "contact.stiffness": "5 %",
+    "contact.damping": "10 %",
+}
+LARGE = {
+    "flexion_angle": 0.035,
+    "axial_load": "5 %",
+    "medial_share": 0.06,
+    "contact.stiffness": "20 %",
+    "contact.damping": "50 %",
+}
 SIZES = {"small": SMALL, "as in examples/uncertainty.yaml": LARGE}
 TEXT = """\
 The shipped gait of the right leg. Sampled over linear: the standard deviation of the samples over that of the straight
@@ -46,25 +56,41 @@ def sampled(found: Uncertainty, samples: int, seed: int = 0) -> list[tuple[Sampl
 
     A sample with a parameter out of its range is drawn again.
     """
-    several, random = [found.medial, *([found.lateral] if found.lateral else [])], np.random.default_rng(seed)
-    before = [np.stack([one.rows["penetration_depth"], one.rows["contact_force"]]) for one in several]
+    several, random = (
+        [found.medial, *([found.lateral] if found.lateral else [])],
+        np.random.default_rng(seed),
+    )
+    before = [
+        np.stack([one.rows["penetration_depth"], one.rows["contact_force"]]) for one in several
+    ]
     bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in several]
     sums, done = [np.zeros((3, *one.shape)) for one in before], 0
     while done < samples:
-        off = dict(zip(found.medial.parts, random.standard_normal(len(found.medial.parts)).tolist(), strict=True))
+        off = dict(
+            zip(
+                found.medial.parts,
+                random.standard_normal(len(found.medial.parts)).tolist(),
+                strict=True,
+            )
+        )
         try:
             answers = found.given.answers(off, samples)
         except UsageError:
             continue
         for place, rows in enumerate(answers):
-            now, (low, high) = np.stack([rows["penetration_depth"], rows["contact_force"]]), bounds[place]
+            now, (low, high) = (
+                np.stack([rows["penetration_depth"], rows["contact_force"]]),
+                bounds[place],
+            )
             away = now - before[place]
             sums[place] += np.stack([away, away * away, (low <= now) & (now <= high)])
         done += 1
     results = []
     for first, second, inside in sums:
         spread = np.sqrt(np.maximum(second - first**2 / samples, 0.0) / (samples - 1))
-        depth, force = (Sampled(each, part) for each, part in zip(spread, inside / samples, strict=True))
+        depth, force = (
+            Sampled(each, part) for each, part in zip(spread, inside / samples, strict=True)
+        )
         results.append((depth, force))
     return results
 
@@ -78,7 +104,12 @@ def ratios(drawn: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
 
 @click.command()
 @click.option("--samples", default=4000, show_default=True)
-@click.option("--output", default="docs/studies/uncertainty.md", show_default=True, type=click.Path(path_type=Path))
+@click.option(
+    "--output",
+    default="docs/studies/uncertainty.md",
+    show_default=True,
+    type=click.Path(path_type=Path),
+)
 def main(samples: int, output: Path) -> None:
     """Measure and write the table."""
     rows: list[list[str]] = []
@@ -87,17 +118,35 @@ def main(samples: int, output: Path) -> None:
         for size, deviations in SIZES.items():
             found = uncertainty(bag, files, deviations, compiled=True)
             linear = [found.medial, *([found.lateral] if found.lateral else [])]
-            for which, one, (depth, force) in zip(("medial", "lateral"), linear, sampled(found, samples), strict=False):
+            for which, one, (depth, force) in zip(
+                ("medial", "lateral"), linear, sampled(found, samples), strict=False
+            ):
                 at = int(one.rows["load"].argmax())
                 cells: list[Any] = [f"{name}, {which}" if len(linear) > 1 else name, size]
                 cells += [f"{1e6 * one.depth[at]:.0f}", f"{one.force[at]:.0f}"]
                 cells += [ratios(depth.deviation, one.depth), ratios(force.deviation, one.force)]
-                cells += [f"{100.0 * inside.mean():.1f} %" for inside in (depth.inside, force.inside)]
+                cells += [
+                    f"{100.0 * inside.mean():.1f} %" for inside in (depth.inside, force.inside)
+                ]
                 rows.append(cells)
-    header = ("knee", "deviations", "depth at the largest load [µm]", "force there [N]", "depth, sampled over linear",
-              "force, sampled over linear", "depths inside", "forces inside")  # fmt: skip
+    header = (
+        "knee",
+        "deviations",
+        "depth at the largest load [µm]",
+        "force there [N]",
+        "depth, sampled over linear",
+        "force, sampled over linear",
+        "depths inside",
+        "forces inside",
+    )
     command = f"python -m studies.uncertainty --samples {samples}"
-    save(output, "Straight lines against samples", command, [Section("", TEXT, header, rows)], machine())
+    save(
+        output,
+        "Straight lines against samples",
+        command,
+        [Section("", TEXT, header, rows)],
+        machine(),
+    )
     click.echo(str(output))
 
 

@@ -18,7 +18,9 @@ from tests import ROOT
 from tests.helpers.browser import started_browser
 from tests.helpers.sinks import Started
 
-os.environ.pop("RMW_IMPLEMENTATION", None)  # the tests have a graph of their own, with what is installed
+os.environ.pop(
+    "RMW_IMPLEMENTATION", None
+)  # the tests have a graph of their own, with what is installed
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 
@@ -42,7 +44,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_make_parametrize_id(val: object) -> str | None:
     """Name a case after the beginning of a long text: workers send each other the names of all."""
-    return ascii(val[:LONGEST_NAME]) if isinstance(val, str | bytes) and len(val) > LONGEST_NAME else None
+    return (
+        ascii(val[:LONGEST_NAME])
+        if isinstance(val, str | bytes) and len(val) > LONGEST_NAME
+        else None
+    )
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -50,7 +56,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest, those that wait among those that compute, so that no processor is idle."""
 
     def of(folders: set[str]) -> list[pytest.Item]:
-        return [item for item in items if not folders.isdisjoint(item.path.relative_to(ROOT).parts)]
+        return [
+            item for item in items if not folders.isdisjoint(item.path.relative_to(ROOT).parts)
+        ]
 
     waiting, long = of(WAITING), of(LONG)
     files = list(dict.fromkeys(item.path for item in waiting))
@@ -100,7 +108,9 @@ def hidden_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[N
         pytest.skip("there is no Xvfb here; on Debian: apt install xvfb")
     read, write = os.pipe()
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1600x900x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    server = subprocess.Popen(
+        command, pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     os.close(write)
     try:
         number = os.read(read, 10).decode().strip()
@@ -128,7 +138,9 @@ def started() -> Iterator[Started]:
     """No process may be left by a test that has closed its sinks."""
     started = Started()
     yield started
-    left = [sink.process for sink in started.sinks if sink.process and sink.process.returncode is None]
+    left = [
+        sink.process for sink in started.sinks if sink.process and sink.process.returncode is None
+    ]
     for process in left:
         process.kill()
     assert left == []
@@ -143,11 +155,16 @@ def old_recording() -> Path:
 @pytest.fixture(scope="session")
 def watching(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A library that stands between a program and its disk: `watched_disk.c`."""
-    source, path = Path(__file__).with_name("watched_disk.c"), tmp_path_factory.mktemp("watched") / "watched.so"
+    source, path = (
+        Path(__file__).with_name("watched_disk.c"),
+        tmp_path_factory.mktemp("watched") / "watched.so",
+    )
     compiler = shutil.which("cc")
     if not compiler:
         pytest.skip("there is no C compiler here")
-    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", path, source, "-ldl", "-lpthread"], check=True)
+    subprocess.run(
+        [compiler, "-shared", "-fPIC", "-O1", "-o", path, source, "-ldl", "-lpthread"], check=True
+    )
     return path
 
 

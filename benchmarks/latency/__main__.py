@@ -70,7 +70,10 @@ def write(page: Page, folder: Path, command: str) -> list[Path]:
     with paths[1].open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(page.rows[0]._fields)
-        writer.writerows([f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in page.rows)
+        writer.writerows(
+            [f"{value:.6g}" if isinstance(value, float) else value for value in row]
+            for row in page.rows
+        )
     return paths
 
 
@@ -79,7 +82,9 @@ def milliseconds(time: float) -> str:
     return "-" if math.isnan(time) else f"{time:.3f}" if time < 100.0 else f"{time:.0f}"
 
 
-def turns(driver: Driver, work: Path, rounds: int, advance: Advance) -> Iterator[tuple[int, str, Child]]:
+def turns(
+    driver: Driver, work: Path, rounds: int, advance: Advance
+) -> Iterator[tuple[int, str, Child]]:
     """Run all candidates round after round, each time another one first: the round's number, name and process.
 
     Raises:
@@ -151,7 +156,9 @@ class Line(NamedTuple):
         return Figures(self.median_ms, self.p99_ms, self.p999_ms, self.max_ms)
 
 
-def compare(driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: Advance) -> list[Part]:
+def compare(
+    driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: Advance
+) -> list[Part]:
     """Run all candidates at `rate` [Hz] for `duration` [s] per round."""
     parts = []
     for number, name, node in turns(driver, work, rounds, advance):
@@ -167,29 +174,59 @@ def line(parts: Sequence[Part], rate: float, name: str, number: int = 0) -> Line
     parts = [part for part in parts if part.candidate == name and number in (0, part.round)]
     published = sum(part.run.published for part in parts)
     return Line(
-        name, str(number or "all"), rate, published, sum(part.run.lost for part in parts),
+        name,
+        str(number or "all"),
+        rate,
+        published,
+        sum(part.run.lost for part in parts),
         *figures([latency for part in parts for latency in part.run.latencies]),
         1e6 * sum(part.taken.cpu for part in parts) / published,
         1e6 * sum(part.taken.cpu_children for part in parts) / published,
         *figures([slip for part in parts for slip in part.run.slips]),
         mean(part.taken.others_percent for part in parts),
-    )  # fmt: skip
+    )
 
 
 def latency_page(parts: Sequence[Part], rate: float, duration: float) -> Page:
     """Page of the comparison; its data have a row per candidate and round, and one per candidate for all rounds."""
     rounds = sorted({part.round for part in parts})
-    single = [line(parts, rate, name, number) for name in CANDIDATES for number in rounds if len(rounds) > 1]
+    single = [
+        line(parts, rate, name, number)
+        for name in CANDIDATES
+        for number in rounds
+        if len(rounds) > 1
+    ]
     every = {name: line(parts, rate, name) for name in CANDIDATES}
     shown = [
-        [each.candidate, *map(milliseconds, each.latency), str(each.lost),
-         f"{each.cpu_us:.0f}" + (f" + {each.cpu_children_us:.0f}" if each.cpu_children_us else ""),
-         milliseconds(each.slip_p99_ms), f"{each.others_percent:.0f}"]
+        [
+            each.candidate,
+            *map(milliseconds, each.latency),
+            str(each.lost),
+            f"{each.cpu_us:.0f}"
+            + (f" + {each.cpu_children_us:.0f}" if each.cpu_children_us else ""),
+            milliseconds(each.slip_p99_ms),
+            f"{each.others_percent:.0f}",
+        ]
         for each in every.values()
-    ]  # fmt: skip
-    header = ("latency [ms]", "median", "p99", "p99.9", "max", "lost", "CPU [us]", "slip's p99 [ms]", "others [%]")
+    ]
+    header = (
+        "latency [ms]",
+        "median",
+        "p99",
+        "p99.9",
+        "max",
+        "lost",
+        "CPU [us]",
+        "slip's p99 [ms]",
+        "others [%]",
+    )
     sections = (
-        Section("Candidates", "", ("candidate", "what it does"), [[name, c.about] for name, c in CANDIDATES.items()]),
+        Section(
+            "Candidates",
+            "",
+            ("candidate", "what it does"),
+            [[name, c.about] for name, c in CANDIDATES.items()],
+        ),
         Section("Latency", HOW_TO_READ, header, shown),
         ratios(single, every),
     )
@@ -199,15 +236,22 @@ def latency_page(parts: Sequence[Part], rate: float, duration: float) -> Page:
 
 def ratios(single: Sequence[Line], every: dict[str, Line]) -> Section:
     """Table of ratios to the bare node: round by round for ours, all rounds together for the others."""
-    bare = {each.round: each.latency for each in single if each.candidate == BARE} | {"all": every[BARE].latency}
+    bare = {each.round: each.latency for each in single if each.candidate == BARE} | {
+        "all": every[BARE].latency
+    }
     chosen = [each for each in single if each.candidate == OURS] + [
         each for each in every.values() if each != every[BARE]
     ]
     rows = [
-        [each.candidate if each.round == "all" else f"{each.candidate}, round {each.round}",
-         *(f"{mine / theirs:.2f}" for mine, theirs in zip(each.latency[:3], bare[each.round][:3], strict=True))]
+        [
+            each.candidate if each.round == "all" else f"{each.candidate}, round {each.round}",
+            *(
+                f"{mine / theirs:.2f}"
+                for mine, theirs in zip(each.latency[:3], bare[each.round][:3], strict=True)
+            ),
+        ]
         for each in chosen
-    ]  # fmt: skip
+    ]
     return Section("Ratios", "", (f"latency over that of {BARE}", "median", "p99", "p99.9"), rows)
 
 
@@ -286,7 +330,16 @@ def attempt_at(driver: Driver, node: Child, name: str, number: int, rate: float)
     verdict = SENDER if run.published_rate < PUNCTUAL * rate else SUSTAINED if soon else NODE
     others = taken(before, usage(node.process.pid)).others_percent
     return Step(
-        number, name, rate, run.published_rate, run.published, run.lost, middle, 1e3 * run.tail, verdict, others
+        number,
+        name,
+        rate,
+        run.published_rate,
+        run.published,
+        run.lost,
+        middle,
+        1e3 * run.tail,
+        verdict,
+        others,
     )
 
 
@@ -317,9 +370,15 @@ def sustained_page(steps: Sequence[Step]) -> Page:
         to_bare = [mine / theirs for mine, theirs in zip(rates, bare, strict=True) if theirs]
         others = [step.others_percent for step in steps if step.candidate == name]
         rows.append(
-            [name, f"{median(rates):.0f}", f"{min(rates):.0f}-{max(rates):.0f}", ", ".join(sorted({*limits})),
-             f"{median(to_bare):.2f}" if to_bare else "-", f"{mean(others):.0f} %" if others else "-"]
-        )  # fmt: skip
+            [
+                name,
+                f"{median(rates):.0f}",
+                f"{min(rates):.0f}-{max(rates):.0f}",
+                ", ".join(sorted({*limits})),
+                f"{median(to_bare):.2f}" if to_bare else "-",
+                f"{mean(others):.0f} %" if others else "-",
+            ]
+        )
     header = ("sustained [Hz]", "median", "rounds", "limit", f"/ {BARE}", "others")
     return Page("Sustained", SUSTAINED_INTRODUCTION, (Section("Rates", "", header, rows),), steps)
 
@@ -359,7 +418,9 @@ class Moment(NamedTuple):
     """Share of the machine's processor time that other processes took"""
 
 
-def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> list[Moment]:
+def run_long(
+    driver: Driver, work: Path, rate: float, ticks: int, advance: Advance
+) -> list[Moment]:
     """Run the node for a number of ticks at `rate` [Hz]; its recording, which must be complete, is in `work / "node"`.
 
     Raises:
@@ -378,8 +439,17 @@ def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advan
             done, lost = done + run.published, lost + run.lost
             (_, own), *others = after.resident.items()
             children = ", ".join(f"{number}: {resident / MB:.1f}" for number, resident in others)
-            moments.append(Moment(done, own / MB, children, lost, run.published_rate, *figures(run.latencies),
-                                  taken(before, after).others_percent))  # fmt: skip
+            moments.append(
+                Moment(
+                    done,
+                    own / MB,
+                    children,
+                    lost,
+                    run.published_rate,
+                    *figures(run.latencies),
+                    taken(before, after).others_percent,
+                )
+            )
         advance(done, ticks)
     return moments
 
@@ -402,25 +472,37 @@ def same_answers(recording: Path, offline: Path) -> tuple[int, int, int]:
 def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, int]) -> Page:
     """Page of the long run; `compared` is what `same_answers` found."""
     counted = [moment for moment in moments if moment.ticks >= MEMORY_WARM_UP] or moments[-1:]
-    last, first, largest = moments[-1], counted[0].resident_mb, max(moment.resident_mb for moment in counted)
+    last, first, largest = (
+        moments[-1],
+        counted[0].resident_mb,
+        max(moment.resident_mb for moment in counted),
+    )
     recorded, computed, different = map(str, compared)
     rows = [
         ["ticks", str(last.ticks)],
         ["lost", str(last.lost)],
         ["lowest rate published [Hz]", f"{min(moment.published_rate for moment in moments):.0f}"],
-        ["largest median of latency [ms]", milliseconds(max(moment.median_ms for moment in moments))],
+        [
+            "largest median of latency [ms]",
+            milliseconds(max(moment.median_ms for moment in moments)),
+        ],
         ["largest p99 of latency [ms]", milliseconds(max(moment.p99_ms for moment in moments))],
         [f"node's memory after {counted[0].ticks} ticks [MB]", f"{first:.1f}"],
         ["its largest growth since then [MB]", f"{largest - first:.1f}"],
         ["node's memory at the end [MB]", f"{last.resident_mb:.1f}"],
         ["its child processes' memory at the end [MB]", last.children or "-"],
-        ["others' part of the machine, at most [%]", f"{max(moment.others_percent for moment in moments):.0f}"],
+        [
+            "others' part of the machine, at most [%]",
+            f"{max(moment.others_percent for moment in moments):.0f}",
+        ],
         ["answers recorded", recorded],
         ["answers offline", computed],
         ["of these not identical", different],
     ]
     introduction = SOAK_INTRODUCTION.format(about=CANDIDATES[OURS].about, rate=rate, period=PERIOD)
-    return Page("Soak", introduction, (Section("Figures", "", ("long run", "value"), rows),), moments)
+    return Page(
+        "Soak", introduction, (Section("Figures", "", ("long run", "value"), rows),), moments
+    )
 
 
 def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> Page:
@@ -432,15 +514,49 @@ def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance
 
 
 @click.command(help=__doc__)
-@click.option("--output", type=click.Path(path_type=Path, file_okay=False), default="knee_contact_latency",
-              show_default=True, help="Folder of the page, which replaces an earlier one.")  # fmt: skip
-@click.option("--rate", type=click.FloatRange(10.0, 20_000.0), default=1000.0, show_default=True, help="Samples/s.")
-@click.option("--duration", type=click.FloatRange(0.5, 3600.0), default=20.0, show_default=True, help="s of a run.")
-@click.option("--rounds", type=click.IntRange(1, 100), default=3, show_default=True, help="Turns of all candidates.")
-@click.option("--sustained", is_flag=True, help="Search the highest rate that each candidate sustains instead.")
-@click.option("--soak", type=click.IntRange(0, 1_000_000_000), default=0, metavar="TICKS",
-              help="Run the node alone for so many ticks at --rate instead: memory and recording.")  # fmt: skip
-def main(output: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int) -> None:
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path, file_okay=False),
+    default="knee_contact_latency",
+    show_default=True,
+    help="Folder of the page, which replaces an earlier one.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(10.0, 20_000.0),
+    default=1000.0,
+    show_default=True,
+    help="Samples/s.",
+)
+@click.option(
+    "--duration",
+    type=click.FloatRange(0.5, 3600.0),
+    default=20.0,
+    show_default=True,
+    help="s of a run.",
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1, 100),
+    default=3,
+    show_default=True,
+    help="Turns of all candidates.",
+)
+@click.option(
+    "--sustained",
+    is_flag=True,
+    help="Search the highest rate that each candidate sustains instead.",
+)
+@click.option(
+    "--soak",
+    type=click.IntRange(0, 1_000_000_000),
+    default=0,
+    metavar="TICKS",
+    help="Run the node alone for so many ticks at --rate instead: memory and recording.",
+)
+def main(
+    output: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int
+) -> None:
     """Measure, write a page and its data, and print its tables."""
     command = " ".join(["python -m benchmarks.latency", *sys.argv[1:]])
     with work_folder(output) as work, private_graph() as environment:
@@ -451,7 +567,9 @@ def main(output: Path, rate: float, duration: float, rounds: int, sustained: boo
             elif sustained:
                 page = sustained_page(find_rates(driver, work, rounds, advance))
             else:
-                page = latency_page(compare(driver, work, rate, duration, rounds, advance), rate, duration)
+                page = latency_page(
+                    compare(driver, work, rate, duration, rounds, advance), rate, duration
+                )
         for path in write(page, work, command):
             replace(path, output / path.name)
             print(output / path.name)

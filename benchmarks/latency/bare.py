@@ -21,7 +21,12 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.node.output_process import step_back
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_WRENCH,
+)
 from knee_contact_ros.system.ros import executor_of
 
 # As in managed_node.py, session.py and inputs.py, which are not imported: a bare node's process holds nothing else.
@@ -77,7 +82,10 @@ class Ordinary:
             evaluations=8,
         )
         self.contact.publish(contact)
-        wrench = Wrench(force=Vector3(x=force.x, y=-load, z=0.0), torque=Vector3(x=0.0, y=0.0, z=-1e-3 * angle * load))
+        wrench = Wrench(
+            force=Vector3(x=force.x, y=-load, z=0.0),
+            torque=Vector3(x=0.0, y=0.0, z=-1e-3 * angle * load),
+        )
         self.wrench.publish(WrenchStamped(header=message.header, wrench=wrench))
 
 
@@ -89,8 +97,12 @@ class Bytes:
         self.wrench = node.create_publisher(WrenchStamped, KNEE_CONTACT_WRENCH, OUTPUT_QOS)
         contact, wrench = prepared()
         self.header, self.contact_rest, self.wrench_rest = contact[:4], contact[12:], wrench[12:]
-        node.create_subscription(JointState, JOINT_STATES, self.on_joint_state, INPUT_QOS, raw=True)
-        node.create_subscription(WrenchStamped, JOINT_REACTION_FORCE, self.on_force, INPUT_QOS, raw=True)
+        node.create_subscription(
+            JointState, JOINT_STATES, self.on_joint_state, INPUT_QOS, raw=True
+        )
+        node.create_subscription(
+            WrenchStamped, JOINT_REACTION_FORCE, self.on_force, INPUT_QOS, raw=True
+        )
 
     def on_joint_state(self, data: bytes) -> None:
         """Receive a serialised JointState and do nothing."""
@@ -124,7 +136,11 @@ def busy(work: float, period: float, niceness: int) -> None:
 
 def main(kind: str) -> None:
     """Run a bare node of a kind (`EVENTS`, `SINGLE`, `BYTES` or `BESIDE`) until a signal ends it."""
-    others = [multiprocessing.Process(target=busy, args=load, daemon=True) for load in LOADS if kind == BESIDE]
+    others = [
+        multiprocessing.Process(target=busy, args=load, daemon=True)
+        for load in LOADS
+        if kind == BESIDE
+    ]
     for other in others:
         other.start()
     signals: list[int] = []

@@ -34,7 +34,12 @@ from benchmarks.latency import bare
 from knee_contact_ros.commands.demo import node_process
 from knee_contact_ros.parameters.schema import Knee, Load
 from knee_contact_ros.streams import messages as cdr
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, NANOSECONDS
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    NANOSECONDS,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
@@ -96,7 +101,9 @@ def figures(nanoseconds: Sequence[int]) -> Figures:
     """Compute the percentiles of times [ns]; between two times a percentile is interpolated linearly."""
     if not nanoseconds:
         return Figures(*[math.nan] * 4)
-    median, p99, p999, largest = (np.percentile(nanoseconds, [50.0, 99.0, 99.9, 100.0]) * 1e-6).tolist()
+    median, p99, p999, largest = (
+        np.percentile(nanoseconds, [50.0, 99.0, 99.9, 100.0]) * 1e-6
+    ).tolist()
     return Figures(median, p99, p999, largest)
 
 
@@ -249,7 +256,9 @@ class Driver:
             gc.enable()
         return Run(number, self._latencies, slips, sending, max(self._last - end, 0) * 1e-9)
 
-    def _publish_all(self, coming: Iterator[Sample], period: float, number: int) -> tuple[list[int], float]:
+    def _publish_all(
+        self, coming: Iterator[Sample], period: float, number: int
+    ) -> tuple[list[int], float]:
         """Publish on schedule, `period` in [ns]; return how late each was [ns] and how long it took [s]."""
         clock, spin, waiting = time.perf_counter_ns, self._spin, self._waiting
         publish_angle, publish_force = self._angle.publish, self._force.publish
@@ -259,7 +268,9 @@ class Driver:
             stamp, angle, force = next(coming)
             due = begin + int(index * period)
             if waiting and clock() > due:
-                spin(0.0)  # behind the schedule there is time for one answer per sample all the same
+                spin(
+                    0.0
+                )  # behind the schedule there is time for one answer per sample all the same
             while (left := due - clock()) > 0:
                 spin(left * 1e-9)
             slips.append(-left)
@@ -279,7 +290,9 @@ class Driver:
     def _wait_for_answers(self) -> None:
         """Wait until all answers are there, or nothing has come for `LAST_ANSWERS`."""
         since = time.perf_counter_ns()
-        while self._waiting and time.perf_counter_ns() - max(since, self._last) < LAST_ANSWERS * 1e9:
+        while (
+            self._waiting and time.perf_counter_ns() - max(since, self._last) < LAST_ANSWERS * 1e9
+        ):
             self._spin(CHECK)
 
     def _knock(self) -> bool:
@@ -293,7 +306,9 @@ class Driver:
 
     def _peers(self) -> list[int]:
         """Count the subscribers to both inputs, and the publishers of answers."""
-        listening = [publisher.get_subscription_count() for publisher in (self._angle, self._force)]
+        listening = [
+            publisher.get_subscription_count() for publisher in (self._angle, self._force)
+        ]
         return [*listening, self._node.count_publishers(KNEE_CONTACT)]
 
     def _spin(self, seconds: float) -> None:
@@ -367,24 +382,38 @@ def start_ours(parameter_files: list[Path], work: Path, patience: float) -> Iter
 
 OURS, BARE = "this node", "bare"
 CANDIDATES = {
-    OURS: Candidate(f"computes, publishes, records to MCAP{' and draws to a Rerun file' if installed_viewer() else ''} "
-                    "(healthy.yaml)", partial(start_ours, [PARAMETERS])),
-    "this node, both": Candidate("the same with both compartments (and both_compartments.yaml)",
-                                 partial(start_ours, [PARAMETERS, PARAMETERS.with_name("both_compartments.yaml")])),
-    BARE: Candidate(f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
-                    partial(start_bare, bare.EVENTS)),
-    "bare, beside others": Candidate(f"the bare node beside two processes that take {100.0 * bare.SHARE:.1f} % of a "
-                                     "processor, in the pieces and with the priorities of recorder and scene",
-                                     partial(start_bare, bare.BESIDE)),
-    "bare, single-threaded": Candidate("the same with rclpy's SingleThreadedExecutor",
-                                       partial(start_bare, bare.SINGLE)),
-    "bare, bytes": Candidate("the bare node with bytes in and prepared bytes out: the least that rclpy can take",
-                             partial(start_bare, bare.BYTES)),
-}  # fmt: skip
+    OURS: Candidate(
+        f"computes, publishes, records to MCAP{' and draws to a Rerun file' if installed_viewer() else ''} "
+        "(healthy.yaml)",
+        partial(start_ours, [PARAMETERS]),
+    ),
+    "this node, both": Candidate(
+        "the same with both compartments (and both_compartments.yaml)",
+        partial(start_ours, [PARAMETERS, PARAMETERS.with_name("both_compartments.yaml")]),
+    ),
+    BARE: Candidate(
+        f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
+        partial(start_bare, bare.EVENTS),
+    ),
+    "bare, beside others": Candidate(
+        f"the bare node beside two processes that take {100.0 * bare.SHARE:.1f} % of a "
+        "processor, in the pieces and with the priorities of recorder and scene",
+        partial(start_bare, bare.BESIDE),
+    ),
+    "bare, single-threaded": Candidate(
+        "the same with rclpy's SingleThreadedExecutor", partial(start_bare, bare.SINGLE)
+    ),
+    "bare, bytes": Candidate(
+        "the bare node with bytes in and prepared bytes out: the least that rclpy can take",
+        partial(start_bare, bare.BYTES),
+    ),
+}
 
 
 @contextmanager
-def running(candidate: Candidate, driver: Driver, work: Path, patience: float = PATIENCE) -> Iterator[Child]:
+def running(
+    candidate: Candidate, driver: Driver, work: Path, patience: float = PATIENCE
+) -> Iterator[Child]:
     """Run a candidate in a process of its own until it answers; its files are in `work` until it has ended.
 
     Raises:

@@ -76,7 +76,11 @@ def series_numbers(stiffness: float, damping: float, mass: float, time: Any, loa
     last = len(time) - 1
     numbers = np.zeros(HEAD + 2 * last)
     numbers[0], numbers[1], numbers[2] = stiffness, damping, 1.0 / mass
-    numbers[LAW], numbers[LAW + 1], numbers[LAW + 2] = time[0], last / (time[last] - time[0]), last - 1
+    numbers[LAW], numbers[LAW + 1], numbers[LAW + 2] = (
+        time[0],
+        last / (time[last] - time[0]),
+        last - 1,
+    )
     for i in range(last):
         numbers[HEAD + 2 * i], numbers[HEAD + 2 * i + 1] = load[i], load[i + 1] - load[i]
     return numbers
@@ -133,7 +137,12 @@ def motions(problem: Problem) -> Motions:
     if not problem.layered:
         return Motions(in_tick, in_series, tick, series)
     for numbers in (tick, series):
-        numbers[3:LAW] = problem.layer_depth, problem.layer_force, problem.stiffness_2, problem.damping
+        numbers[3:LAW] = (
+            problem.layer_depth,
+            problem.layer_force,
+            problem.stiffness_2,
+            problem.damping,
+        )
     return Motions(in_tick_in_layers, in_series_in_layers, tick, series)
 
 
@@ -150,7 +159,9 @@ class Ticker(NamedTuple):
 
     tick: Callable[[Knee, int, float, float], float]
     """Knee, right-hand side, duration [s] and load [N] at its end to the depth [m]; nan if the solver failed"""
-    loop: Callable[[Knee, int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], None]
+    loop: Callable[
+        [Knee, int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], None
+    ]
     """Knee, right-hand side, durations and loads of the ticks, and where their depths go"""
 
 
@@ -170,7 +181,9 @@ def equal_steps(tool: str, method: str | int, problem: Problem, setting: Setting
     return in_one_call(tool, method, problem, ANYTHING, ANYTHING, tick / setting.value)
 
 
-def in_one_call(tool: str, method: str | int, problem: Problem, rtol: float, atol: float, step: float) -> Outcome:
+def in_one_call(
+    tool: str, method: str | int, problem: Problem, rtol: float, atol: float, step: float
+) -> Outcome:
     """Time one call over the series; `atol` and `step` are in [m] and [s]."""
     module, motion = module_of(tool), motions(problem)
     solve, function = module.series, module.callback(motion.in_series).address
@@ -179,7 +192,9 @@ def in_one_call(tool: str, method: str | int, problem: Problem, rtol: float, ato
     solve(method, function, state.copy(), problem.time[:3], numbers, rtol, atol, step)  # compiles
     with stopwatch() as watch:
         depths = solve(method, function, state, problem.time, numbers, rtol, atol, step)
-    return Outcome(depths, watch.seconds, note="" if np.isfinite(depths).all() else "the solver gave up")
+    return Outcome(
+        depths, watch.seconds, note="" if np.isfinite(depths).all() else "the solver gave up"
+    )
 
 
 def stream(tool: str, method: str | int, problem: Problem, setting: Setting) -> Outcome:
@@ -200,7 +215,9 @@ def loop(tool: str, method: str | int, problem: Problem, setting: Setting) -> Ou
     all_ticks, function = ticker(tool, method).loop, tick_address(tool, problem)
     durations, loads = np.diff(problem.time), problem.load[1:].copy()
     depths = np.empty_like(problem.time)
-    all_ticks(knee_of(problem, setting.value), function, durations[:1], loads[:1], depths[1:2])  # compiles
+    all_ticks(
+        knee_of(problem, setting.value), function, durations[:1], loads[:1], depths[1:2]
+    )  # compiles
     knee = knee_of(problem, setting.value)
     depths[0] = knee[0]
     with stopwatch() as watch:
@@ -218,7 +235,9 @@ def ticker(tool: str, method: str | int) -> Ticker:
         numbers = knee[NUMBERS:]
         set_ramp(numbers, knee[LOAD], (load - knee[LOAD]) / duration)
         knee[SPAN + 1], knee[LOAD] = duration, load
-        moved = advance(method, function, knee[:SPAN], knee[SPAN:LOAD], numbers, knee[RTOL], knee[ATOL])
+        moved = advance(
+            method, function, knee[:SPAN], knee[SPAN:LOAD], numbers, knee[RTOL], knee[ATOL]
+        )
         return knee[0] if moved else np.nan
 
     @njit

@@ -27,16 +27,32 @@ def callback(motion: Any) -> Any:
 
 @njit
 def series(
-    method: str, function: int, state: Any, time: Any, numbers: Any, rtol: float, atol: float, step: float
+    method: str,
+    function: int,
+    state: Any,
+    time: Any,
+    numbers: Any,
+    rtol: float,
+    atol: float,
+    step: float,
 ) -> Any:
     """Depth [m] at every stamp [s] of a run over a whole series; all are nan if the solver fails.
 
     A finite `step` [s] is the size of the first step and of the largest one allowed.
     """
     answer = nbsolve2_ivp(
-        function, (time[0], time[-1]), state, method=method, t_eval=time, args=numbers, rtol=rtol, atol=atol,
-        max_step=step, first_step=step if step < np.inf else 0.0, force_retain_solver=False,
-    )  # fmt: skip
+        function,
+        (time[0], time[-1]),
+        state,
+        method=method,
+        t_eval=time,
+        args=numbers,
+        rtol=rtol,
+        atol=atol,
+        max_step=step,
+        first_step=step if step < np.inf else 0.0,
+        force_retain_solver=False,
+    )
     depths = np.full(len(time), np.nan)
     if answer.size == len(time):
         depths[:] = answer.y[0]
@@ -45,13 +61,23 @@ def series(
 
 
 @njit
-def advance(method: str, function: int, state: Any, span: Any, numbers: Any, rtol: float, atol: float) -> bool:
+def advance(
+    method: str, function: int, state: Any, span: Any, numbers: Any, rtol: float, atol: float
+) -> bool:
     """Move a state on in place from `span[0]` (0) to `span[1]` [s]; return whether the solver could."""
     # CyRK refuses a first step beyond half the span
     answer = nbsolve2_ivp(
-        function, (span[0], span[1]), state, method=method, args=numbers, rtol=rtol, atol=atol,
-        first_step=0.5 * span[1], expected_size=8, force_retain_solver=False,
-    )  # fmt: skip
+        function,
+        (span[0], span[1]),
+        state,
+        method=method,
+        args=numbers,
+        rtol=rtol,
+        atol=atol,
+        first_step=0.5 * span[1],
+        expected_size=8,
+        force_retain_solver=False,
+    )
     reached = answer.success
     if reached:
         state[0], state[1] = answer.y[0, answer.size - 1], answer.y[1, answer.size - 1]
@@ -72,7 +98,19 @@ def solvers() -> list[Solver]:
     """One solver per method, and two with equal steps; `nbsolve_ivp`, in Numba itself, is slower than these."""
     settings, counts = half_decades(3, 13), steps_per_tick(1, 2, 3, 4, 6, 10, 20, 50, 100)
     return [
-        *(Solver(f"CyRK {method}", "CyRK", LAW, settings, *modes("cyrk", method)) for method in METHODS),
-        *(Solver(f"CyRK {method}, equal steps", "CyRK", EQUAL, counts, partial(equal_steps, "cyrk", method), None)
-          for method in EQUAL_STEPS),
-    ]  # fmt: skip
+        *(
+            Solver(f"CyRK {method}", "CyRK", LAW, settings, *modes("cyrk", method))
+            for method in METHODS
+        ),
+        *(
+            Solver(
+                f"CyRK {method}, equal steps",
+                "CyRK",
+                EQUAL,
+                counts,
+                partial(equal_steps, "cyrk", method),
+                None,
+            )
+            for method in EQUAL_STEPS
+        ),
+    ]

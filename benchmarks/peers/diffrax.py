@@ -69,11 +69,18 @@ def series(method: str, **options: Any) -> Callable[..., Any]:
     def solve(start: Any, constants: Any, loads: Any, tick: Any, value: Any) -> Any:
         stamps = jnp.arange(len(loads)) * tick
         return diffrax.diffeqsolve(
-            diffrax.ODETerm(in_series), getattr(diffrax, method)(), 0.0, stamps[-1], tick / FIRST_STEPS[method],
-            (start, jnp.zeros_like(start)), (constants, loads, tick),
+            diffrax.ODETerm(in_series),
+            getattr(diffrax, method)(),
+            0.0,
+            stamps[-1],
+            tick / FIRST_STEPS[method],
+            (start, jnp.zeros_like(start)),
+            (constants, loads, tick),
             saveat=diffrax.SaveAt(ts=stamps, fn=lambda _time, state, _arguments: state[0]),
-            stepsize_controller=control(value), throw=False, **options,
-        ).ys  # fmt: skip
+            stepsize_controller=control(value),
+            throw=False,
+            **options,
+        ).ys
 
     return solve
 
@@ -88,10 +95,18 @@ def one_tick(method: str, **options: Any) -> Callable[..., Any]:
     def step(state: Any, constants: Any, ramp: Any, tick: Any, value: Any) -> Any:
         before, load = ramp
         answer = diffrax.diffeqsolve(
-            diffrax.ODETerm(in_tick), getattr(diffrax, method)(), 0.0, tick, tick / FIRST_STEPS[method],
-            state, (constants, before, (load - before) / tick), saveat=diffrax.SaveAt(t1=True),
-            stepsize_controller=control(value), throw=False, **options,
-        )  # fmt: skip
+            diffrax.ODETerm(in_tick),
+            getattr(diffrax, method)(),
+            0.0,
+            tick,
+            tick / FIRST_STEPS[method],
+            state,
+            (constants, before, (load - before) / tick),
+            saveat=diffrax.SaveAt(t1=True),
+            stepsize_controller=control(value),
+            throw=False,
+            **options,
+        )
         return tuple(column[0] for column in answer.ys)
 
     return step
@@ -124,7 +139,13 @@ def solvers() -> list[Solver]:
     """One solver per method."""
     settings = half_decades(3, 12)
     return [
-        Solver(f"diffrax {method}", "diffrax", LAW, settings, *(partial(run, method) for run in (whole, stream, loop)))
+        Solver(
+            f"diffrax {method}",
+            "diffrax",
+            LAW,
+            settings,
+            *(partial(run, method) for run in (whole, stream, loop)),
+        )
         for method in METHODS
     ]
 
@@ -185,6 +206,16 @@ def arguments_of(problem: Problem) -> tuple[Any, ...]:
     """Start [m], the law's constants, loads [N] and the duration of a tick [s] as arrays of JAX."""
     constants = [problem.stiffness, problem.first_damping, 1.0 / problem.mass]
     if problem.layered:
-        constants += [problem.layer_depth, problem.layer_force, problem.stiffness_2, problem.damping]
+        constants += [
+            problem.layer_depth,
+            problem.layer_force,
+            problem.stiffness_2,
+            problem.damping,
+        ]
     tick = (problem.time[-1] - problem.time[0]) / (len(problem.time) - 1)
-    return jnp.array(start_depth(problem)), tuple(map(jnp.array, constants)), jnp.array(problem.load), jnp.array(tick)
+    return (
+        jnp.array(start_depth(problem)),
+        tuple(map(jnp.array, constants)),
+        jnp.array(problem.load),
+        jnp.array(tick),
+    )

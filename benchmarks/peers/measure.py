@@ -163,7 +163,9 @@ class Worker:
             self.stop()
             raise FailedRunError("ended the process") from None
         except Exception as error:  # whatever a tool raises
-            raise FailedRunError(f"{type(error).__name__}: {' '.join(str(error).split())}"[:100]) from None
+            raise FailedRunError(
+                f"{type(error).__name__}: {' '.join(str(error).split())}"[:100]
+            ) from None
 
     def stop(self) -> None:
         """End the process."""
@@ -234,9 +236,11 @@ def entries(driver: str) -> list[Entry]:
 COMPILED = ("CyRK", "numbalsoda", "diffrax")
 """Peers whose right-hand side is compiled, and called by what is compiled"""
 PEERS = (
-    Peer("SciPy", "scipy"), Peer("CyRK", "CyRK"), Peer("numbalsoda", "numbalsoda", "peers-built"),
+    Peer("SciPy", "scipy"),
+    Peer("CyRK", "CyRK"),
+    Peer("numbalsoda", "numbalsoda", "peers-built"),
     Peer("diffrax", "diffrax"),
-)  # fmt: skip
+)
 
 
 class Row(NamedTuple):
@@ -280,7 +284,9 @@ def measure(
         for entry in entries:
             for problem in problems:
                 for mode in MODES:
-                    runs += sweep(workers[entry.solver.peer], entry, problem, exact[problem.name], mode)
+                    runs += sweep(
+                        workers[entry.solver.peer], entry, problem, exact[problem.name], mode
+                    )
                 advance(next(done), total)
         for turn in range(1, turns):
             for peer, worker in workers.items():
@@ -299,7 +305,9 @@ def timed(row: Row, ticks: int, times: Sequence[float]) -> Row:
     if not times:
         return row
     spread = 100.0 * (max(times) - min(times)) / statistics.median(times)
-    return row._replace(microseconds_per_tick=1e6 * min(times) / ticks, spread_percent=spread, turns=len(times))
+    return row._replace(
+        microseconds_per_tick=1e6 * min(times) / ticks, spread_percent=spread, turns=len(times)
+    )
 
 
 def sweep(
@@ -319,7 +327,9 @@ def sweep(
             yield row._replace(failure=failure), task, []
         else:
             evaluations = outcome.evaluations / (len(problem.time) - 1)
-            row = row._replace(error=float(np.abs(outcome.depth - exact).max()), evaluations_per_tick=evaluations)
+            row = row._replace(
+                error=float(np.abs(outcome.depth - exact).max()), evaluations_per_tick=evaluations
+            )
             yield row, task, [outcome.seconds]
         if outcome.seconds > SLOW or row.error < FINE:
             return

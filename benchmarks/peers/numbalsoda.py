@@ -31,7 +31,9 @@ def callback(motion: Any) -> Any:
 
 
 @njit(inline="always")
-def solved(method: int, function: int, state: Any, time: Any, numbers: Any, rtol: float, atol: float) -> Any:
+def solved(
+    method: int, function: int, state: Any, time: Any, numbers: Any, rtol: float, atol: float
+) -> Any:
     """States at the stamps [s], and whether the last one is reached."""
     if method == 0:
         return lsoda(function, state, time, numbers, rtol, atol, MOST_STEPS)
@@ -40,7 +42,14 @@ def solved(method: int, function: int, state: Any, time: Any, numbers: Any, rtol
 
 @njit
 def series(
-    method: int, function: int, state: Any, time: Any, numbers: Any, rtol: float, atol: float, _step: float
+    method: int,
+    function: int,
+    state: Any,
+    time: Any,
+    numbers: Any,
+    rtol: float,
+    atol: float,
+    _step: float,
 ) -> Any:
     """Depth [m] at every stamp [s] of a run over a whole series; all are nan if the solver fails."""
     states, reached = solved(method, function, state, time, numbers, rtol, atol)
@@ -48,7 +57,9 @@ def series(
 
 
 @njit
-def advance(method: int, function: int, state: Any, span: Any, numbers: Any, rtol: float, atol: float) -> bool:
+def advance(
+    method: int, function: int, state: Any, span: Any, numbers: Any, rtol: float, atol: float
+) -> bool:
     """Move a state on in place from `span[0]` (0) to `span[1]` [s]; return whether the solver could."""
     states, reached = solved(method, function, state, span, numbers, rtol, atol)
     state[0], state[1] = states[1, 0], states[1, 1]
@@ -64,6 +75,12 @@ EXACT = (
 def solvers() -> list[Solver]:
     """One solver per method."""
     return [
-        Solver(f"numbalsoda {name}", "numbalsoda", EXACT, half_decades(3, 13), *modes("numbalsoda", number))
+        Solver(
+            f"numbalsoda {name}",
+            "numbalsoda",
+            EXACT,
+            half_decades(3, 13),
+            *modes("numbalsoda", number),
+        )
         for number, name in enumerate(METHODS)
     ]

@@ -26,7 +26,13 @@ def solvers() -> list[Solver]:
     """One solver per level."""
     settings = half_decades(4, 12)
     return [
-        Solver(solver_name(level), NAME, LAW, settings, *(partial(run, level) for run in (whole, stream, loop)))
+        Solver(
+            solver_name(level),
+            NAME,
+            LAW,
+            settings,
+            *(partial(run, level) for run in (whole, stream, loop)),
+        )
         for level in LEVELS
     ]
 
@@ -58,13 +64,19 @@ def stream(level: str, problem: Problem, setting: Setting) -> Outcome:
         for stamp, load in samples:
             ticks.advance(stamp, 0.0, load)
             depths.append(depth.item() - gap.item())
-    evaluations = model.stream().advance_all(stamps, np.zeros_like(problem.time), problem.load, None)["evaluations"]
+    evaluations = model.stream().advance_all(
+        stamps, np.zeros_like(problem.time), problem.load, None
+    )["evaluations"]
     return Outcome(np.array(depths), watch.seconds, float(evaluations.sum()))
 
 
 def loop(level: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with `Stream.advance_all`, which gives the records that `Stream.advance` gives."""
-    model, stamps, angle = model_of(problem, level, setting), stamps_of(problem), np.zeros_like(problem.time)
+    model, stamps, angle = (
+        model_of(problem, level, setting),
+        stamps_of(problem),
+        np.zeros_like(problem.time),
+    )
     model.stream().advance_all(stamps[:2], angle[:2], problem.load[:2], None)  # compiles
     ticks = model.stream()
     with stopwatch() as watch:
@@ -90,4 +102,6 @@ def model_of(problem: Problem, level: str, setting: Setting) -> KneeModel:
         }
     law |= {"stiffness": problem.stiffness, "exponent": EXPONENT, "damping": problem.damping}
     fidelity = {"level": level, "tolerance": setting.value}
-    return load_model({"femur": {"mass": problem.mass}, "contact": law, "fidelity": fidelity}, compiled=True)
+    return load_model(
+        {"femur": {"mass": problem.mass}, "contact": law, "fidelity": fidelity}, compiled=True
+    )

@@ -22,7 +22,11 @@ COUNTED = {WHOLE: MODES, LOOP: (LOOP, STREAM), STREAM: (STREAM,)}
 
 def of(rows: Iterable[Row], problem: str, mode: str) -> list[Row]:
     """Runs of a problem that count for a mode and did not fail; a streamed run also counts as a whole run."""
-    return [row for row in rows if row.problem == problem and row.mode in COUNTED[mode] and not row.failure]
+    return [
+        row
+        for row in rows
+        if row.problem == problem and row.mode in COUNTED[mode] and not row.failure
+    ]
 
 
 def quickest(rows: Iterable[Row], error: float) -> Row | None:
@@ -75,7 +79,9 @@ whole run can make it.
 All of them step across lift-off, landing and layers by their error control; ours ends its steps there.
 """
 SEE = "`trade.csv` has every run. `trade.png`:\n\n![Time per tick over error](trade.png)"
-QUICKEST = "Its time over ours (less than 1x: it is the quicker one), and both times per tick in µs."
+QUICKEST = (
+    "Its time over ours (less than 1x: it is the quicker one), and both times per tick in µs."
+)
 HOW_TO_READ = "In µs, of the cheapest setting, in brackets as a multiple of ours; otherwise the smallest error reached."
 Table = list[list[str]]
 
@@ -97,7 +103,9 @@ def write_page(path: Path, study: Study) -> None:
     """Write the page of a study."""
     problems, rows = [problem.name for problem in study.problems], study.rows
     asked = power_of_ten(ASKED)
-    introduction = f"{INTRODUCTION.format(repeat=study.repeat, noise=noise(rows)).strip()}\n\n{SEE}"
+    introduction = (
+        f"{INTRODUCTION.format(repeat=study.repeat, noise=noise(rows)).strip()}\n\n{SEE}"
+    )
     sections = [Section("", introduction, (), ())]
     if best := against_the_quickest(rows, problems):
         heading = f"Against the quickest of the others at an error of {asked} m"
@@ -105,14 +113,34 @@ def write_page(path: Path, study: Study) -> None:
     about = [[each.name, each.about] for each in study.problems]
     sections += [
         Section("Problems", "", ("problem", "what happens"), about),
-        Section("Solvers", "\n\n".join(study.absent), ("solvers", "the contact law"), laws(study.solvers)),
+        Section(
+            "Solvers",
+            "\n\n".join(study.absent),
+            ("solvers", "the contact law"),
+            laws(study.solvers),
+        ),
     ]
     for mode, title in TITLES.items():
         heading = f"{title}: time per tick at an error of {asked} m or less"
-        sections.append(Section(heading, HOW_TO_READ, ("solver", *problems), times_at_asked(rows, problems, mode)))
-    failures = [[row.problem, row.solver, row.mode, row.setting, row.failure] for row in rows if row.failure]
+        sections.append(
+            Section(
+                heading, HOW_TO_READ, ("solver", *problems), times_at_asked(rows, problems, mode)
+            )
+        )
+    failures = [
+        [row.problem, row.solver, row.mode, row.setting, row.failure]
+        for row in rows
+        if row.failure
+    ]
     if failures:
-        sections.append(Section("Failed runs", "", ("problem", "solver", "run", "setting", "what happened"), failures))
+        sections.append(
+            Section(
+                "Failed runs",
+                "",
+                ("problem", "solver", "run", "setting", "what happened"),
+                failures,
+            )
+        )
     save(path, "Work and precision", study.command, sections, study.machine)
 
 
@@ -135,8 +163,10 @@ def power_of_ten(error: float) -> str:
 
 def laws(solvers: Sequence[Solver]) -> Table:
     """Lines of the table of laws: one for all solvers that express the law in the same way."""
-    return [[", ".join(each.name for each in solvers if each.law == law), law]
-            for law in dict.fromkeys(each.law for each in solvers)]  # fmt: skip
+    return [
+        [", ".join(each.name for each in solvers if each.law == law), law]
+        for law in dict.fromkeys(each.law for each in solvers)
+    ]
 
 
 def against_the_quickest(rows: Sequence[Row], problems: Sequence[str]) -> Table:

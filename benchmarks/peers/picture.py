@@ -17,7 +17,11 @@ from benchmarks.peers.problems import EVENTFUL, SMOOTH
 COLOURS = {"CyRK": "#0072B2", "numbalsoda": "#D55E00", "diffrax": "#009E73"}
 """Okabe and Ito's, which colour-blind readers tell apart; all others share a grey"""
 GREY = "0.62"
-WAYS = {STREAM: "each sample when it arrives", LOOP: "tick by tick, samples in memory", WHOLE: "whole series known"}
+WAYS = {
+    STREAM: "each sample when it arrives",
+    LOOP: "tick by tick, samples in memory",
+    WHOLE: "whole series known",
+}
 KINDS = {"smooth": SMOOTH, "with events": EVENTFUL}
 ERRORS = np.logspace(-5, -11, 25)
 """[m], quarters of a decade"""
@@ -37,7 +41,9 @@ class Curve(NamedTuple):
 
     def at(self, error: float) -> float:
         """Time [µs] at an error [m]; nan if that is not one of the errors."""
-        return next((time for each, time in zip(*self, strict=True) if math.isclose(each, error)), math.nan)
+        return next(
+            (time for each, time in zip(*self, strict=True) if math.isclose(each, error)), math.nan
+        )
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -67,8 +73,14 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 def curves(rows: Sequence[Row], problems: Sequence[str], mode: str) -> dict[str, Curve]:
     """Curves by tool, ours last: geometric means over some problems, at the errors that all of them reach."""
     names = dict.fromkeys(row.peer for row in rows)
-    by_tool = {name: curve([row for row in rows if row.peer == name], problems, mode) for name in names}
-    return {name: by_tool[name] for name in sorted(by_tool, key=lambda name: name == NAME) if by_tool[name].errors}
+    by_tool = {
+        name: curve([row for row in rows if row.peer == name], problems, mode) for name in names
+    }
+    return {
+        name: by_tool[name]
+        for name in sorted(by_tool, key=lambda name: name == NAME)
+        if by_tool[name].errors
+    }
 
 
 def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
@@ -82,7 +94,13 @@ def curve(rows: Sequence[Row], problems: Sequence[str], mode: str) -> Curve:
 
 def panel(axis: Any, by_tool: dict[str, Curve]) -> None:
     """Draw one panel: the curves of all tools."""
-    from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import (
+        EngFormatter,
+        FixedLocator,
+        FuncFormatter,
+        LogLocator,
+        NullFormatter,
+    )
 
     for name, (errors, times) in by_tool.items():
         axis.plot(errors, times, label=name, **style_of(name))
@@ -111,8 +129,14 @@ def label_quickest_peer(axis: Any, by_tool: dict[str, Curve]) -> None:
         return
     name = min(times, key=times.__getitem__)
     axis.plot([ASKED, ASKED], [ours, times[name]], color="black", linewidth=1.2, zorder=4)
-    axis.text(0.0, 1.02, f"{name}: {multiple(times[name] / ours)} our time at 10 nm",
-              transform=axis.transAxes, fontsize=9.5, color=COLOURS.get(name, "0.3"))  # fmt: skip
+    axis.text(
+        0.0,
+        1.02,
+        f"{name}: {multiple(times[name] / ours)} our time at 10 nm",
+        transform=axis.transAxes,
+        fontsize=9.5,
+        color=COLOURS.get(name, "0.3"),
+    )
 
 
 def style_of(name: str) -> dict[str, Any]:
@@ -129,5 +153,13 @@ def legend(figure: Any, axes: Any) -> None:
     labelled = [axis.get_legend_handles_labels() for axis in axes.ravel()]
     handles = {name: handle for pair in labelled for handle, name in zip(*pair, strict=True)}
     order = sorted(handles, key=lambda name: (name != NAME, name not in COMPILED))
-    figure.legend([handles[name] for name in order], order, loc="outside upper left", ncols=len(order), frameon=False,
-                  fontsize=9.5, columnspacing=1.2, handlelength=1.8)  # fmt: skip
+    figure.legend(
+        [handles[name] for name in order],
+        order,
+        loc="outside upper left",
+        ncols=len(order),
+        frameon=False,
+        fontsize=9.5,
+        columnspacing=1.2,
+        handlelength=1.8,
+    )

@@ -73,13 +73,32 @@ def problems() -> list[Problem]:
     return [
         Problem("gait", "always in contact, two peaks a second", one_second, walk),
         Problem("gait, 1 kg", "the same with less inertia", one_second, walk, mass=1.0),
-        Problem("lift-off", "gait with a tensile dip: the femur lifts off and lands", one_second, tensile(one_second)),
-        Problem("osteoarthritis", "two layers, as printed undamped in the first: the load crosses the jump eight times",
-                one_second, crossing(one_second), layer_depth=5e-4, damp_first_layer=False),
-        Problem("impact", "pulled off, thrown back, hardly damped: it bounces", one_second[:401],
-                thrown(one_second[:401]), damping=200.0),
-        *(Problem(f"bag, {side}", "recorded gait, 200 Hz", *recorded(side)) for side in ("right", "left")),
-    ]  # fmt: skip
+        Problem(
+            "lift-off",
+            "gait with a tensile dip: the femur lifts off and lands",
+            one_second,
+            tensile(one_second),
+        ),
+        Problem(
+            "osteoarthritis",
+            "two layers, as printed undamped in the first: the load crosses the jump eight times",
+            one_second,
+            crossing(one_second),
+            layer_depth=5e-4,
+            damp_first_layer=False,
+        ),
+        Problem(
+            "impact",
+            "pulled off, thrown back, hardly damped: it bounces",
+            one_second[:401],
+            thrown(one_second[:401]),
+            damping=200.0,
+        ),
+        *(
+            Problem(f"bag, {side}", "recorded gait, 200 Hz", *recorded(side))
+            for side in ("right", "left")
+        ),
+    ]
 
 
 def find_problems(names: tuple[str, ...] = ()) -> list[Problem]:
@@ -109,7 +128,9 @@ def crossing(time: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def thrown(time: NDArray[np.float64]) -> NDArray[np.float64]:
     """Load [N] of 300 N, then a pull as large for 20 ms, then 900 N, shape (n,)."""
-    return np.interp(time, (0.0, 0.05, 0.06, 0.08, 0.09, 1.0), (300.0, 300.0, -300.0, -300.0, 900.0, 900.0))
+    return np.interp(
+        time, (0.0, 0.05, 0.06, 0.08, 0.09, 1.0), (300.0, 300.0, -300.0, -300.0, 900.0, 900.0)
+    )
 
 
 def bump(time: NDArray[np.float64], centre: float, width: float) -> NDArray[np.float64]:
@@ -127,11 +148,17 @@ def recorded(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def scene(problem: Problem) -> reference.Scene:
     """Describe a problem in the form that the reference solver takes."""
     layers = (
-        reference.two_layer(problem.stiffness, EXPONENT, problem.damping, problem.layer_depth, problem.stiffness_2,
-                       problem.damp_first_layer)
+        reference.two_layer(
+            problem.stiffness,
+            EXPONENT,
+            problem.damping,
+            problem.layer_depth,
+            problem.stiffness_2,
+            problem.damp_first_layer,
+        )
         if problem.layered
         else reference.kelvin_voigt(problem.stiffness, EXPONENT, problem.damping)
-    )  # fmt: skip
+    )
     return reference.Scene(
         problem.time,
         np.zeros_like(problem.time),

@@ -55,7 +55,11 @@ def force_gradient(problem: Problem) -> Gradient:
     """Build the derivatives of the contact law of a problem; they are 0 where the force is 0."""
     force, begin = contact_force(problem), problem.layer_depth
     damping_1, damping = problem.first_damping, problem.damping
-    slope_1, slope_2, power = EXPONENT * problem.stiffness, EXPONENT * problem.stiffness_2, EXPONENT - 1.0
+    slope_1, slope_2, power = (
+        EXPONENT * problem.stiffness,
+        EXPONENT * problem.stiffness_2,
+        EXPONENT - 1.0,
+    )
 
     def gradient(depth: float, rate: float) -> tuple[float, float]:
         if force(depth, rate) <= 0.0:
@@ -150,21 +154,35 @@ IMPLICIT = ("LSODA", "Radau")
 def solvers() -> list[Solver]:
     """One solver per method of `solve_ivp`."""
     return [
-        Solver(f"SciPy {method}", "SciPy", IVP.format(" with its Jacobian" if method in IMPLICIT else ""),
-               tolerances(*range(4, 14)), partial(whole, method), partial(stream, method))
+        Solver(
+            f"SciPy {method}",
+            "SciPy",
+            IVP.format(" with its Jacobian" if method in IMPLICIT else ""),
+            tolerances(*range(4, 14)),
+            partial(whole, method),
+            partial(stream, method),
+        )
         for method in METHODS
-    ]  # fmt: skip
+    ]
 
 
 def whole(method: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem by `solve_ivp` with output at every tick."""
     from scipy.integrate import solve_ivp
 
-    function, state, time = motion(problem, load_at(problem)), [start_depth(problem), 0.0], problem.time
+    function, state, time = (
+        motion(problem, load_at(problem)),
+        [start_depth(problem), 0.0],
+        problem.time,
+    )
     options = options_of(problem, method, setting.value)
     with stopwatch() as watch:
-        answer = solve_ivp(function, (time[0], time[-1]), state, method=method, t_eval=time, **options)
-    return Outcome(answer.y[0], watch.seconds, answer.nfev, "" if answer.success else answer.message)
+        answer = solve_ivp(
+            function, (time[0], time[-1]), state, method=method, t_eval=time, **options
+        )
+    return Outcome(
+        answer.y[0], watch.seconds, answer.nfev, "" if answer.success else answer.message
+    )
 
 
 def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
@@ -172,8 +190,17 @@ def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
     from scipy import integrate
 
     make: Callable[..., Any] = getattr(integrate, method)
-    ramp, state, depths, evaluations = Ramp(), np.array([start_depth(problem), 0.0]), [start_depth(problem)], 0
-    function, options, step = motion(problem, ramp), options_of(problem, method, setting.value), None
+    ramp, state, depths, evaluations = (
+        Ramp(),
+        np.array([start_depth(problem), 0.0]),
+        [start_depth(problem)],
+        0,
+    )
+    function, options, step = (
+        motion(problem, ramp),
+        options_of(problem, method, setting.value),
+        None,
+    )
     samples = ticks(problem)
     with stopwatch() as watch:
         for tick in samples:

@@ -20,7 +20,14 @@ from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.errors import UsageError
 
 MESSAGE_HEADS = np.dtype(
-    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+    ]
 )
 """Layout `MESSAGE_HEAD` as a NumPy type"""
 MOST_AT_ONCE = 2**28
@@ -89,7 +96,9 @@ class Batch:
         """Concatenation of batches of one file, at least one, in memory with little else."""
         numbers = np.concatenate([batch.numbers for batch in batches])
         times = np.concatenate([batch.times for batch in batches])
-        return cls(numbers, times, Column.together([batch.messages.trimmed() for batch in batches]))
+        return cls(
+            numbers, times, Column.together([batch.messages.trimmed() for batch in batches])
+        )
 
     def __len__(self) -> int:
         """Number of messages."""
@@ -211,24 +220,44 @@ def by_arrival(files: Sequence[File], numbers: Sequence[Mapping[int, int]]) -> I
         for number, segment in enumerate(file.segments)
         if not numbers[index].keys().isdisjoint(segment.counts)
     ]
-    spans = [(min(s.times[0] for s in f.segments), max(s.times[1] for s in f.segments)) for f in files if f.segments]
-    if not any(file.goes_back for file in files) and all(one[1] <= other[0] for one, other in pairwise(spans)):
+    spans = [
+        (min(s.times[0] for s in f.segments), max(s.times[1] for s in f.segments))
+        for f in files
+        if f.segments
+    ]
+    if not any(file.goes_back for file in files) and all(
+        one[1] <= other[0] for one, other in pairwise(spans)
+    ):
         yield from _by_time(parts, read)
         return
-    arrays = [(batch.numbers, np.minimum(batch.times, LATEST).astype(np.int64)) for batch in map(read, parts)]
+    arrays = [
+        (batch.numbers, np.minimum(batch.times, LATEST).astype(np.int64))
+        for batch in map(read, parts)
+    ]
     topics = np.concatenate([np.empty(0, np.intp), *(topics for topics, _ in arrays)])
     times = np.concatenate([np.empty(0, np.int64), *(times for _, times in arrays)])
-    ends, every = np.cumsum([len(times) for _, times in arrays]).tolist(), np.unique(topics).tolist()
+    ends, every = (
+        np.cumsum([len(times) for _, times in arrays]).tolist(),
+        np.unique(topics).tolist(),
+    )
     late = not any(file.is_recording for file in files)
-    cuts = [0, *_cuts([np.flatnonzero(topics == number) for number in every], times, late), len(times)]
+    cuts = [
+        0,
+        *_cuts([np.flatnonzero(topics == number) for number in every], times, late),
+        len(times),
+    ]
     for first, last in pairwise(cuts):
         life = []
         for part, end, (_, own) in zip(parts, ends, arrays, strict=True):
             chosen = slice(max(first - end + len(own), 0), max(last - end + len(own), 0))
             if len(some := own[chosen]):
-                life.append(Part((int(some.min()), int(some.max())), part.file, part.segment, chosen))
+                life.append(
+                    Part((int(some.min()), int(some.max())), part.file, part.segment, chosen)
+                )
         stamps = [times[first:last][topics[first:last] == number] for number in every]
-        if len(cuts) > 2 and all((np.diff(each) >= 0).all() for each in stamps):  # then they came in this order
+        if len(cuts) > 2 and all(
+            (np.diff(each) >= 0).all() for each in stamps
+        ):  # then they came in this order
             yield from map(read, life)
         else:
             yield from _by_time(life, read)
@@ -247,12 +276,17 @@ def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64], late: bo
         differences = np.diff(times[places])
         back, forward = np.flatnonzero(differences < 0) + 1, differences[differences > 0]
         if len(forward) and len(back) <= min(MOST_STEPS, len(differences) / UNSORTED):
-            steps += [(place, number, float(np.median(forward))) for place in places[back].tolist()]
+            steps += [
+                (place, number, float(np.median(forward))) for place in places[back].tolist()
+            ]
     cuts = [0]
     for place, number, usual in sorted(steps):
         places = topics[number]
         index, begin = np.searchsorted(places, [place, cuts[-1]]).tolist()
-        before, after = times[places[max(begin, index - WINDOW) : index]], times[places[index : index + WINDOW]]
+        before, after = (
+            times[places[max(begin, index - WINDOW) : index]],
+            times[places[index : index + WINDOW]],
+        )
         is_back = len(before) and before.max() - after[0] > JITTER * usual
         if is_back and not (late and _fills_a_hole(before, after, usual)):
             cuts.append(place)
@@ -263,7 +297,9 @@ def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: fl
     """Whether the messages up to the next step back, or to times after all `before`, fill a hole in these."""
     ends = (np.diff(after) < 0) | (after[1:] > before.max())
     group = after[: int(np.argmax(ends)) + 1 if ends.any() else len(after)]
-    among = np.count_nonzero((before > group[0] - 0.5 * usual) & (before < group[-1] + 0.5 * usual))
+    among = np.count_nonzero(
+        (before > group[0] - 0.5 * usual) & (before < group[-1] + 0.5 * usual)
+    )
     return FEW * int(among) <= len(group) and bool(group[0] > before.min())
 
 
@@ -271,7 +307,9 @@ def _by_time(parts: Sequence[Part], read: Callable[[Part], Batch]) -> Iterator[B
     """Messages of parts in the order of log time."""
     waiting = list[Batch]()
     for part, following in zip_longest(ordered := sorted(parts), ordered[1:]):
-        batch = Batch.together([*waiting, read(part)]).by_time() if waiting else read(part).by_time()
+        batch = (
+            Batch.together([*waiting, read(part)]).by_time() if waiting else read(part).by_time()
+        )
         until = batch.times.dtype.type(following.times[0]) if following else None
         ready = len(batch) if until is None else int(np.searchsorted(batch.times, until))
         yield batch.part(slice(ready))
@@ -304,24 +342,39 @@ def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
     file, rows = bag.file, [row for row in rows if len(row.stamps)]
     if not rows:
         return
-    records = [_records(row, file.channels[row.topic], file.next_number(row.topic)) for row in rows]
+    records = [
+        _records(row, file.channels[row.topic], file.next_number(row.topic)) for row in rows
+    ]
     order = np.argsort(np.concatenate([row.place for row in rows]), kind="stable")
-    channels = np.repeat([file.channels[row.topic] for row in rows], [len(row.stamps) for row in rows])[order]
+    channels = np.repeat(
+        [file.channels[row.topic] for row in rows], [len(row.stamps) for row in rows]
+    )[order]
     stamps = np.concatenate([row.stamps for row in rows])[order]
-    ends = np.cumsum(np.concatenate([np.full(len(each), each.itemsize) for each in records])[order])
+    ends = np.cumsum(
+        np.concatenate([np.full(len(each), each.itemsize) for each in records])[order]
+    )
     begins = np.append(0, ends[:-1])
     data = np.empty(ends[-1], np.uint8)
     by_topic = np.split(begins[np.argsort(order)], np.cumsum([len(each) for each in records])[:-1])
     for each, own_begins in zip(records, by_topic, strict=True):
-        np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))[own_begins] = each
+        np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))[own_begins] = (
+            each
+        )
     first = 0
     while first < len(order):
         shift = int(begins[first]) - file.place  # offset in the data minus that in the chunk
         last = min(int(np.searchsorted(ends, shift + CHUNK_SIZE, "right")) + 1, len(order))
         own, own_stamps = channels[first:last], stamps[first:last]
         entries = np.column_stack((own_stamps, begins[first:last] - shift))
-        index = {channel: entries[own == channel].tobytes() for channel in dict.fromkeys(own.tolist())}
-        file.append(data[begins[first] : ends[last - 1]].data, index, int(own_stamps.min()), int(own_stamps.max()))
+        index = {
+            channel: entries[own == channel].tobytes() for channel in dict.fromkeys(own.tolist())
+        }
+        file.append(
+            data[begins[first] : ends[last - 1]].data,
+            index,
+            int(own_stamps.min()),
+            int(own_stamps.max()),
+        )
         first = last
 
 

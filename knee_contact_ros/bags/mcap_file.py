@@ -26,7 +26,18 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Header, Message, Metadata, Schema, Statistics
+from mcap.records import (
+    Attachment,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Message,
+    Metadata,
+    Schema,
+    Statistics,
+)
 from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
@@ -112,10 +123,17 @@ class Records:
         self._index: dict[int, ChunkIndex] = {}  # by the offsets of the chunks
         self._starts = [size]
         footer = self.record_at(max(size - len(MAGIC) - FOOTER_SIZE, 0))
-        if footer and isinstance(footer.content, Footer) and footer.content.summary_crc and self.fits_summary(footer):
+        if (
+            footer
+            and isinstance(footer.content, Footer)
+            and footer.content.summary_crc
+            and self.fits_summary(footer)
+        ):
             file.seek(footer.content.summary_start)
             with suppress(*NOT_A_RECORD):
-                for record in StreamReader(file, skip_magic=True, record_size_limit=ALLOWED_SIZE).records:
+                for record in StreamReader(
+                    file, skip_magic=True, record_size_limit=ALLOWED_SIZE
+                ).records:
                     if isinstance(record, ChunkIndex):
                         self._index[record.chunk_start_offset] = record
         self._starts = [*sorted(self._index), size]
@@ -142,7 +160,9 @@ class Records:
     def record_at(self, offset: int) -> Piece | None:
         """Record that begins at `offset`; None if there is no whole and valid one."""
         opcode, end = self._head(offset)
-        if chunk := self._by_index(offset) or (self._chunk(offset) if opcode == Opcode.CHUNK else None):
+        if chunk := self._by_index(offset) or (
+            self._chunk(offset) if opcode == Opcode.CHUNK else None
+        ):
             return Piece(Opcode.CHUNK, offset, chunk.end, chunk)
         if not offset < end <= min(self._limit(offset), offset + LARGEST):
             return None
@@ -162,14 +182,19 @@ class Records:
     def fits_summary(self, footer: Piece) -> bool:
         """Whether the summary section fits the checksum in the footer, if that has one."""
         begin, checksum = footer.content.summary_start, footer.content.summary_crc
-        return not (begin and checksum) or (begin <= footer.offset and self.checksum(begin, footer.end - 4) == checksum)
+        return not (begin and checksum) or (
+            begin <= footer.offset and self.checksum(begin, footer.end - 4) == checksum
+        )
 
     def _by_index(self, offset: int) -> Segment | None:
         """Chunk at an offset according to the index; None if the index has none, or no checksum verifies it."""
         if not (index := self._index.get(offset)):
             return None
         end, place = offset + index.chunk_length, offset + CHUNK_HEAD.size - 8
-        begin, checksum = end - index.compressed_size, int.from_bytes(self.read(place, place + 4), "little")
+        begin, checksum = (
+            end - index.compressed_size,
+            int.from_bytes(self.read(place, place + 4), "little"),
+        )
         if not checksum or begin < place + 4 or end > self._limit(offset):
             return None
         return Segment(offset, end, begin, index.uncompressed_size, index.compression, checksum)
@@ -187,7 +212,9 @@ class Records:
         data_end = offset + begin + int.from_bytes(head[begin - 8 : begin], "little")
         if begin > len(head):
             return None
-        if end != data_end and not (checksum and data_end <= self._limit(offset) and self._may_begin(data_end)):
+        if end != data_end and not (
+            checksum and data_end <= self._limit(offset) and self._may_begin(data_end)
+        ):
             return None
         end = data_end
         compression = head[CHUNK_HEAD.size : begin - 8].decode("ascii", "replace")
@@ -195,7 +222,9 @@ class Records:
         if end > self._limit(offset) and not cut:
             return None
         end = min(end, self.size)
-        return Segment(offset, end, offset + begin, size, compression, checksum, cut, (times[0], times[1]))
+        return Segment(
+            offset, end, offset + begin, size, compression, checksum, cut, (times[0], times[1])
+        )
 
     def _head(self, offset: int) -> tuple[int, int]:
         """Opcode at an offset, and the offset of the record's end by its length; 0 and `offset` without one."""
@@ -250,7 +279,9 @@ class McapFile(File):
         self._others: list[int] = []  # offsets [B] of metadata and attachments
         self._declared: dict[tuple[type, int], Any] = {}  # schemas and channels by type and number
         self._doubtful: dict[tuple[type, int], Any] = {}  # those of damaged chunks
-        self._lost: list[tuple[int, int, str]] = []  # bytes from and to that cannot be read, and why
+        self._lost: list[
+            tuple[int, int, str]
+        ] = []  # bytes from and to that cannot be read, and why
         self._latest: dict[int, int] = {}  # log time [ns] of the last message of each channel
         self._bytes_left = max(MOST_GROWTH * self.size, ALLOWED_SIZE)
         self._begun = self._ended = False
@@ -262,7 +293,9 @@ class McapFile(File):
                     first, *_, last = *part, part[-1]
                     advance(first.offset, self.size)
                     if opcode == Opcode.MESSAGE:
-                        self._take(Segment(first.offset, last.end, first.offset, last.end - first.offset))
+                        self._take(
+                            Segment(first.offset, last.end, first.offset, last.end - first.offset)
+                        )
                     elif opcode == Opcode.CHUNK:
                         self._take(first.content)
                     else:
@@ -283,7 +316,9 @@ class McapFile(File):
 
     def in_file_order(self) -> Iterator[tuple[int, Message | Metadata | Attachment]]:
         """Messages, metadata and attachments in the order of the file, with the offset [B] of the segment or record."""
-        places = [(segment.offset, segment) for segment in self.segments] + [(offset, None) for offset in self._others]
+        places = [(segment.offset, segment) for segment in self.segments] + [
+            (offset, None) for offset in self._others
+        ]
         for offset, segment in sorted(places, key=lambda place: place[0]):
             if segment is None:
                 if record := self._records.record_at(offset):
@@ -291,7 +326,9 @@ class McapFile(File):
                 continue
             heads, messages, *_ = self._contents(segment)
             rows = heads[["channel", "sequence", "log", "publish"]].tolist()
-            for (channel, sequence, log_time, publish_time), data in zip(rows, messages, strict=True):
+            for (channel, sequence, log_time, publish_time), data in zip(
+                rows, messages, strict=True
+            ):
                 if channel in self.streams:
                     yield offset, Message(channel, log_time, data, publish_time, sequence)
 
@@ -314,18 +351,30 @@ class McapFile(File):
         for record in declarations:
             self._declare(record)
         if segment.cut:
-            self._note(f"the chunk at byte {segment.offset} is cut off; {len(heads)} of its messages are read")
+            self._note(
+                f"the chunk at byte {segment.offset} is cut off; {len(heads)} of its messages are read"
+            )
         if not len(heads):
             return
         order, counts = np.argsort(heads["channel"], kind="stable"), dict[int, int]()
         channels, times = heads["channel"][order], heads["log"][order]
         begins = np.flatnonzero(np.diff(channels, prepend=-1))
-        for channel, own in zip(channels[begins].tolist(), np.split(times, begins[1:]), strict=True):
-            self.goes_back |= int(own[0]) < self._latest.get(channel, 0) or bool((own[1:] < own[:-1]).any())
+        for channel, own in zip(
+            channels[begins].tolist(), np.split(times, begins[1:]), strict=True
+        ):
+            self.goes_back |= int(own[0]) < self._latest.get(channel, 0) or bool(
+                (own[1:] < own[:-1]).any()
+            )
             self._latest[channel], counts[channel] = int(own[-1]), len(own)
         span = int(times.min()), int(times.max())
-        if segment.compression is not None and not (segment.checksum or segment.cut) and span != segment.times:
-            self._note(f"the chunk at byte {segment.offset}, which has no checksum, has other times than its messages")
+        if (
+            segment.compression is not None
+            and not (segment.checksum or segment.cut)
+            and span != segment.times
+        ):
+            self._note(
+                f"the chunk at byte {segment.offset}, which has no checksum, has other times than its messages"
+            )
         self.segments.append(segment._replace(times=span, counts=counts, starts=starts))
 
     def _contents(self, segment: Segment) -> Contents:
@@ -345,7 +394,9 @@ class McapFile(File):
         if (compression := segment.compression or "") not in UNPACKERS:
             raise DamagedError(f"has the unknown compression {compression!r}")
         if segment.size > LARGEST:
-            raise DamagedError(f"holds more than {LARGEST} bytes; another tool may write it again in smaller chunks")
+            raise DamagedError(
+                f"holds more than {LARGEST} bytes; another tool may write it again in smaller chunks"
+            )
         stream = UNPACKERS[compression](self._records.read(segment.begin, segment.end))
         parts, left = list[bytes](), segment.size
         try:
@@ -356,7 +407,9 @@ class McapFile(File):
                     break
         except BAD_DATA as error:
             if not segment.cut:
-                raise DamagedError(f"does not decompress ({' '.join(str(error).split())})") from None
+                raise DamagedError(
+                    f"does not decompress ({' '.join(str(error).split())})"
+                ) from None
         data = b"".join(parts)
         if left and not segment.cut:
             raise DamagedError(f"does not hold {segment.size} bytes")
@@ -384,7 +437,10 @@ class McapFile(File):
             case Header():
                 self.profile, self._begun = piece.content.profile, True
             case DataEnd():
-                if piece.content.data_section_crc not in (0, self._records.checksum(0, piece.offset)):
+                if piece.content.data_section_crc not in (
+                    0,
+                    self._records.checksum(0, piece.offset),
+                ):
                     self._note("the data do not fit their checksum")
             case Footer():
                 self._ended = bool(self._records.magic_at(piece.end))
@@ -395,17 +451,26 @@ class McapFile(File):
 
     def _conclude(self) -> None:
         """Match channels with their schemas, and add the faults of the whole file."""
-        declared: dict[tuple[type, int], Any] = {(Schema, 0): NO_SCHEMA} | self._doubtful | self._declared
+        declared: dict[tuple[type, int], Any] = (
+            {(Schema, 0): NO_SCHEMA} | self._doubtful | self._declared
+        )
         for (kind, number), channel in declared.items():
             if kind is Channel and (schema := declared.get((Schema, channel.schema_id))):
                 self.streams[number] = channel, schema
                 definition = definition_of(schema.encoding, schema.data)
-                self.connections[number] = Connection(channel.topic, schema.name, channel.message_encoding, definition)
+                self.connections[number] = Connection(
+                    channel.topic, schema.name, channel.message_encoding, definition
+                )
         self.unread = sum(end - begin for begin, end, _ in self._lost)
-        lost = [f"bytes {begin} to {end} cannot be read: {reason}" for begin, end, reason in sorted(self._lost)]
+        lost = [
+            f"bytes {begin} to {end} cannot be read: {reason}"
+            for begin, end, reason in sorted(self._lost)
+        ]
         self.faults = [*lost, *self.faults]
         if doubtful := sorted(
-            stream.topic for number, (stream, _) in self.streams.items() if (Channel, number) not in self._declared
+            stream.topic
+            for number, (stream, _) in self.streams.items()
+            if (Channel, number) not in self._declared
         ):
             self._note(f"only a damaged chunk declares {', '.join(doubtful)}")
         total = self.note_undeclared()
@@ -442,7 +507,9 @@ class Contents(NamedTuple):
     """Offsets [B] of the messages' records"""
 
 
-def contents_of(data: bytes, cut: bool = False, starts: NDArray[np.uint32] | None = None) -> Contents:
+def contents_of(
+    data: bytes, cut: bool = False, starts: NDArray[np.uint32] | None = None
+) -> Contents:
     """Messages, schemas and channels in `data`; if it is `cut` off, the whole ones at its beginning.
 
     `starts` are those of the messages (`starts_of`) if known; then nothing else is searched.
@@ -482,7 +549,10 @@ def starts_of(data: bytes) -> tuple[NDArray[np.int64], int]:
     if position > len(data):
         position = starts.pop()
     places = np.fromiter([*starts, position], np.int64, len(starts) + 1)
-    opcodes, lengths = np.frombuffer(data, np.uint8)[places[:-1]], places[1:] - places[:-1] - HEAD.size
+    opcodes, lengths = (
+        np.frombuffer(data, np.uint8)[places[:-1]],
+        places[1:] - places[:-1] - HEAD.size,
+    )
     bad = (opcodes == 0) | ((opcodes == MESSAGE_OPCODE) & (lengths < MESSAGE.size))
     count = int(bad.argmax()) if bad.any() else len(starts)
     return places[:count], int(places[count])

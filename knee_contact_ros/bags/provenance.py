@@ -16,7 +16,12 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.mcap_file import Records
 from knee_contact_ros.bags.reader import files_of
 from knee_contact_ros.bags.recorder import CONTINUED
-from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve
+from knee_contact_ros.parameters.files import (
+    curve_files,
+    flat_parameters,
+    load_parameters,
+    read_curve,
+)
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
@@ -84,9 +89,11 @@ class Provenance(NamedTuple):
 
 
 def provenance_record(
-    parameters: Parameters | LoadParameters, curves: Mapping[str, str] = {}, source: Path | None = None,
+    parameters: Parameters | LoadParameters,
+    curves: Mapping[str, str] = {},
+    source: Path | None = None,
     ticks_before: int = 0,
-) -> dict[str, str]:  # fmt: skip
+) -> dict[str, str]:
     """Content of the metadata record; nothing in it depends on where or when it is written.
 
     Args:
@@ -95,7 +102,9 @@ def provenance_record(
         source: Bag that the inputs come from, if any.
         ticks_before: Number of ticks that the node had computed before the recording began.
     """
-    values = {k: v for k, v in flat_parameters(parameters).items() if not k.startswith(NOT_OF_THE_RESULT)}
+    values = {
+        k: v for k, v in flat_parameters(parameters).items() if not k.startswith(NOT_OF_THE_RESULT)
+    }
     level = parameters.chosen_level if isinstance(parameters, LoadParameters) else ""
     return {
         "package": f"knee_contact_ros {__version__}",
@@ -124,7 +133,9 @@ def read_provenance(bag: Path) -> Provenance | None:
     record = first.get(PROVENANCE)
     if record is None and CONTINUED in first and LOAD_PROVENANCE not in first:
         begin = first[CONTINUED].get("first", "another file")
-        raise UsageError(f"{bag} continues {begin}, which holds the parameters: give the whole folder, or --params")
+        raise UsageError(
+            f"{bag} continues {begin}, which holds the parameters: give the whole folder, or --params"
+        )
     values = _values_in(bag, PROVENANCE, record)
     if record is None or values is None:
         return None
@@ -134,9 +145,13 @@ def read_provenance(bag: Path) -> Provenance | None:
         parameters = load_parameters(values)
     except UsageError as error:
         raise UsageError(f"{bag}, in its record {PROVENANCE}: {error}") from None
-    curves = {key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)}
+    curves = {
+        key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)
+    }
     package, model = record["package"], record.get("model_sha256", "")
-    return Provenance(bag, package, model, parameters, curves, before, tuple(changes), tuple(damage))
+    return Provenance(
+        bag, package, model, parameters, curves, before, tuple(changes), tuple(damage)
+    )
 
 
 def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:
@@ -149,11 +164,15 @@ def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[s
         return None
     try:
         values: dict[str, Any] = dict(json.loads(record["parameters"]))
-        if int(record[TICKS_BEFORE]) >= 0 and not any(isinstance(value, (dict, list)) for value in values.values()):
+        if int(record[TICKS_BEFORE]) >= 0 and not any(
+            isinstance(value, (dict, list)) for value in values.values()
+        ):
             return values
     except (KeyError, TypeError, ValueError, RecursionError):
         pass
-    raise UsageError(f"{bag}: its record {name}, which has the parameters, is damaged: give --params")
+    raise UsageError(
+        f"{bag}: its record {name}, which has the parameters, is damaged: give --params"
+    )
 
 
 def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
@@ -170,7 +189,9 @@ def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     if values is None:
         return None
     changes = [content.keys() - {TICK} for name, content in records if name == PARAMETERS_CHANGED]
-    return values, sum(any(not name.startswith(NOT_OF_THE_RESULT) for name in names) for names in changes)
+    return values, sum(
+        any(not name.startswith(NOT_OF_THE_RESULT) for name in names) for names in changes
+    )
 
 
 def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
@@ -180,7 +201,11 @@ def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance
         UsageError: A name is unknown, a value has a wrong type or is out of range, or a file cannot be read.
     """
     parameters = load_parameters(flat_parameters(provenance.parameters) | dict(values))
-    curves = {name: read_curve(name, file) for name, file in curve_files(parameters).items() if name in values}
+    curves = {
+        name: read_curve(name, file)
+        for name, file in curve_files(parameters).items()
+        if name in values
+    }
     return provenance._replace(parameters=parameters, curves=provenance.curves | curves)
 
 
@@ -206,7 +231,9 @@ def _digest(paths: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tuple[list[Change], list[str]]:
+def _changes(
+    records: Iterable[tuple[str, dict[str, str]]], before: int
+) -> tuple[list[Change], list[str]]:
     """Changes in the order of ticks, counted from `before` ticks of the node, and the faults of unreadable records."""
     changes, damage = [], []
     for name, values in records:

@@ -28,7 +28,13 @@ import zstandard
 from rosbags.interfaces import MessageDefinition
 
 from knee_contact_ros.bags.columns import Batch, Connection, File, Segment, blocks, by_arrival
-from knee_contact_ros.bags.mcap_file import ALLOWED_SIZE, BLOCK, MOST_GROWTH, McapFile, definition_of
+from knee_contact_ros.bags.mcap_file import (
+    ALLOWED_SIZE,
+    BLOCK,
+    MOST_GROWTH,
+    McapFile,
+    definition_of,
+)
 from knee_contact_ros.bags.recorder import MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
@@ -45,9 +51,16 @@ from knee_contact_ros.streams.topics import (
     deserialize,
     types_in,
     typestore,
-)  # fmt: skip
+)
 from knee_contact_ros.system.errors import UsageError, in_a_line, listed
-from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, is_there, open_regular, read_yaml, split
+from knee_contact_ros.system.files import (
+    LARGEST_METADATA,
+    BadYamlError,
+    is_there,
+    open_regular,
+    read_yaml,
+    split,
+)
 
 Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""
@@ -114,7 +127,9 @@ class RawMessage(NamedTuple):
 class BagReader:
     """Open bag that contains all requested topics."""
 
-    def __init__(self, path: Path, types: Mapping[str, str] = INPUT_TYPES, names: Names = OWN_NAMES) -> None:
+    def __init__(
+        self, path: Path, types: Mapping[str, str] = INPUT_TYPES, names: Names = OWN_NAMES
+    ) -> None:
         """Open a bag and find the requested topics in it.
 
         Args:
@@ -141,10 +156,13 @@ class BagReader:
                 for number, count in file.counts.items():
                     self.connections[file.connections[number]] += count
             if self.damage and not self.connections.total():
-                raise UsageError(f"cannot read bag {path}: no message of it can be read; {in_a_line(self.damage)}")
+                raise UsageError(
+                    f"cannot read bag {path}: no message of it can be read; {in_a_line(self.damage)}"
+                )
             try:
                 self.requested = {
-                    topic: self._found(topic, type_name, names.get(topic, topic)) for topic, type_name in types.items()
+                    topic: self._found(topic, type_name, names.get(topic, topic))
+                    for topic, type_name in types.items()
                 }
                 """Connections of each requested topic"""
             except UsageError as error:
@@ -152,7 +170,9 @@ class BagReader:
                 raise UsageError(f"{error}{damage}") from None
             first = next(self.raw_messages(), None) if path.is_file() else None
             if first and first.data.startswith(ZSTD):  # only `metadata.yaml` in its folder says so
-                raise UsageError(f"bag {path} has compressed messages: give its folder, whose metadata.yaml says so")
+                raise UsageError(
+                    f"bag {path} has compressed messages: give its folder, whose metadata.yaml says so"
+                )
             self.close = opened.pop_all().close
 
     @property
@@ -167,15 +187,22 @@ class BagReader:
     def channels(self, topic: str) -> list[int]:
         """Numbers of the channels that give a requested topic, in the file that has most of them."""
         wanted = {connection[:3] for connection in self.requested[topic]}
-        each = ([n for n, count in f.counts.items() if count and f.connections[n][:3] in wanted] for f in self._files)
+        each = (
+            [n for n, count in f.counts.items() if count and f.connections[n][:3] in wanted]
+            for f in self._files
+        )
         return max(each, key=len)
 
     @property
     def end(self) -> int:
         """Log time [ns] after the last message of the bag, on any topic; 0 without messages."""
-        return 1 + max((segment.times[1] for file in self._files for segment in file.segments), default=-1)
+        return 1 + max(
+            (segment.times[1] for file in self._files for segment in file.segments), default=-1
+        )
 
-    def raw_messages(self, start: int | None = None, stop: int | None = None) -> Iterator[RawMessage]:
+    def raw_messages(
+        self, start: int | None = None, stop: int | None = None
+    ) -> Iterator[RawMessage]:
         """Messages in the order of arrival (`by_arrival`), not decoded.
 
         Args:
@@ -218,18 +245,32 @@ class BagReader:
             UsageError: The topic is missing or empty, has another type or several, or is not encoded as CDR.
         """
         is_it = fnmatchcase if "*" in name else str.__eq__
-        of_name = [connection for connection in self.connections if is_it(absolute(connection.topic), name)]
+        of_name = [
+            connection
+            for connection in self.connections
+            if is_it(absolute(connection.topic), name)
+        ]
         if not of_name:
-            raise UsageError(f"bag {self.path} has no topic {name} ({type_name}); {_advice(self.connections, topic)}")
+            raise UsageError(
+                f"bag {self.path} has no topic {name} ({type_name}); {_advice(self.connections, topic)}"
+            )
         filled = [connection for connection in of_name if self.connections[connection]]
         types = sorted({connection.type for connection in filled or of_name})
         if types != [type_name]:
-            fault = f"is a {types[0]}" if len(types) == 1 else f"has {len(types)} types, {' and '.join(types)}"
+            fault = (
+                f"is a {types[0]}"
+                if len(types) == 1
+                else f"has {len(types)} types, {' and '.join(types)}"
+            )
             raise UsageError(f"bag {self.path}: topic {name} {fault}; it must be a {type_name}")
         if not filled:
             raise UsageError(f"bag {self.path}: topic {name} has no messages")
-        for encoding in (connection.encoding for connection in filled if connection.encoding != "cdr"):
-            raise UsageError(f"bag {self.path}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
+        for encoding in (
+            connection.encoding for connection in filled if connection.encoding != "cdr"
+        ):
+            raise UsageError(
+                f"bag {self.path}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr"
+            )
         for connection in filled if type_name in FIXED_TYPES else ():
             if difference := _difference(connection.definition, type_name):
                 raise UsageError(
@@ -245,12 +286,21 @@ class BagReader:
             for each in found
             if topic in topics or not topics
         }
-        numbers = [{n: wanted[each] for n, each in f.connections.items() if each in wanted} for f in self._files]
+        numbers = [
+            {n: wanted[each] for n, each in f.connections.items() if each in wanted}
+            for f in self._files
+        ]
         try:
             for batch in by_arrival(self._files, numbers):
-                yield replace(batch, messages=Column.of([*map(_unpacked, batch.messages)])) if self._packed else batch
+                yield (
+                    replace(batch, messages=Column.of([*map(_unpacked, batch.messages)]))
+                    if self._packed
+                    else batch
+                )
         except Exception as error:  # whatever a broken file provokes in the reader
-            raise UsageError(f"bag {self.path} is damaged: {' '.join(str(error).split())}") from None
+            raise UsageError(
+                f"bag {self.path} is damaged: {' '.join(str(error).split())}"
+            ) from None
 
     def __enter__(self) -> BagReader:
         return self
@@ -267,7 +317,10 @@ def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
     """
     with BagReader(path, types) as bag:
         try:
-            return [BagMessage(topic, time, deserialize(data, topic[1:])) for topic, time, data in bag.raw_messages()]
+            return [
+                BagMessage(topic, time, deserialize(data, topic[1:]))
+                for topic, time, data in bag.raw_messages()
+            ]
         except Exception as error:  # whatever broken bytes provoke in the decoder
             raise UsageError(f"bag {path} is damaged: {' '.join(str(error).split())}") from None
 
@@ -280,7 +333,9 @@ def answer_topics(path: Path) -> list[str]:
     """
     with BagReader(path, {}) as bag:
         filled = [connection for connection, count in bag.connections.items() if count]
-    return sorted({absolute(each.topic) for each in filled if each.type == MESSAGE_TYPES[KNEE_CONTACT]})
+    return sorted(
+        {absolute(each.topic) for each in filled if each.type == MESSAGE_TYPES[KNEE_CONTACT]}
+    )
 
 
 def answer_blocks(
@@ -298,16 +353,22 @@ def answer_blocks(
     """
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         if reader.damage:
-            raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): repair it with knee-contact recover")
+            raise UsageError(
+                f"{path} is damaged ({in_a_line(reader.damage)}): repair it with knee-contact recover"
+            )
         first, *others = {connection.definition for connection in reader.requested[topic]}
         if others:
-            raise UsageError(f"{path}: {topic} has several definitions of its messages: give its recordings one by one")
+            raise UsageError(
+                f"{path}: {topic} has several definitions of its messages: give its recordings one by one"
+            )
         done = 0
         for block in reader.blocks(most=DECODED):
             try:
                 answers = decode_answers(block.messages, first)
             except Exception as error:  # whatever broken bytes and definitions provoke
-                raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
+                raise UsageError(
+                    f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}"
+                ) from None
             yield answers
             done += len(answers)
             if advance:
@@ -324,7 +385,9 @@ def absolute(name: str, namespace: str = "") -> str:
     return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
 
 
-def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS) -> Names:
+def names_in_bag(
+    remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS
+) -> Names:
     """Names in a bag according to the options `--remap FROM:=TO` and `--namespace`.
 
     Args:
@@ -345,7 +408,9 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
         source, target = split(rule, "--remap")
         topic, allowed = absolute(source), " or ".join(inputs)
         if topic not in names:
-            raise UsageError(f"--remap {rule!r}: FROM must be {allowed}, the input; TO is its name in the bag")
+            raise UsageError(
+                f"--remap {rule!r}: FROM must be {allowed}, the input; TO is its name in the bag"
+            )
         if topic in remapped:
             raise UsageError(f"--remap {rule!r}: {source} is remapped twice")
         remapped.add(topic)
@@ -371,8 +436,15 @@ def _difference(definition: MessageDefinition, type_name: str) -> str:
 
 def _advice(connections: Iterable[Connection], topic: str) -> str:
     """Topics of a bag that lacks an input, and how to read another one instead."""
-    own, names = topic.removeprefix("/"), sorted({absolute(connection.topic) for connection in connections})
-    ways = [f"--remap {own}:=TOPIC or --namespace NAME reads another one"] if own in (*INPUTS, *LOAD_INPUTS) else []
+    own, names = (
+        topic.removeprefix("/"),
+        sorted({absolute(connection.topic) for connection in connections}),
+    )
+    ways = (
+        [f"--remap {own}:=TOPIC or --namespace NAME reads another one"]
+        if own in (*INPUTS, *LOAD_INPUTS)
+        else []
+    )
     ways += [OTHER_WAYS[own]] if own in OTHER_WAYS else []
     return "; ".join([f"its topics: {listed(names) or 'none'}", *ways])
 
@@ -386,7 +458,9 @@ def _unpacked(data: bytes) -> bytes:
     """
     size = zstandard.frame_content_size(data)
     if size > LARGEST_MESSAGE:
-        raise ValueError(f"a message claims to have {size} bytes; at most {LARGEST_MESSAGE} are read")
+        raise ValueError(
+            f"a message claims to have {size} bytes; at most {LARGEST_MESSAGE} are read"
+        )
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
 
 
@@ -419,15 +493,27 @@ def contents_of(folder: Path) -> Contents:
         contents = Contents(names, [], mode, int(content.get("message_count") or 0))
     except FileNotFoundError:
         contents.faults.append(f"{METADATA} is missing")
-    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
+    except (
+        OSError,
+        BadYamlError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        OverflowError,
+    ):
         contents.faults.append(f"{METADATA} cannot be read")
     if any(is_there(folder / name) for name in contents.names):
         return contents
     names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
     if not names:
-        raise UsageError(f"{folder} is not a rosbag2 folder: it has no usable {METADATA}, and no files")
+        raise UsageError(
+            f"{folder} is not a rosbag2 folder: it has no usable {METADATA}, and no files"
+        )
     numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
-    if len(names) > 1 and (len(numbered) < len(names) or len({match[1] + match[3] for match in numbered}) > 1):
+    if len(names) > 1 and (
+        len(numbered) < len(names) or len({match[1] + match[3] for match in numbered}) > 1
+    ):
         raise UsageError(
             f"{folder} has more than one recording, and no usable {METADATA} that names one; "
             f"give one of these files: {listed(names)}"
@@ -465,22 +551,34 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
     contents, files, unpacked = contents_of(path), list[File](), Path()
     faults = contents.faults
     if contents.compression == "file":
-        unpacked = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
+        unpacked = Path(
+            opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_"))
+        )
     for name in contents.names:
         try:
-            source = _decompressed(path / name, unpacked) if contents.compression == "file" else path / name
+            source = (
+                _decompressed(path / name, unpacked)
+                if contents.compression == "file"
+                else path / name
+            )
             files.append(_opened_file(source, opened))
             faults += [f"{name}: {fault}" for fault in files[-1].faults]
         except FileNotFoundError:
             faults.append(f"{name} is missing")
         except (OSError, UsageError, zstandard.ZstdError) as error:
             faults.append(f"{name}: {getattr(error, 'strerror', None) or error}")
-    if all(NUMBERED.fullmatch(file.path.name) for file in files):  # in the order of recording, whatever the clock was
+    if all(
+        NUMBERED.fullmatch(file.path.name) for file in files
+    ):  # in the order of recording, whatever the clock was
         files.sort(key=lambda file: _number(file.path.name))
     else:
-        files.sort(key=lambda file: min((segment.times for segment in file.segments), default=(0, 0)))
+        files.sort(
+            key=lambda file: min((segment.times for segment in file.segments), default=(0, 0))
+        )
     missing = contents.messages - sum(file.counts.total() for file in files)
-    faults += [f"{missing} of {contents.messages} messages of {METADATA} are missing"] * (missing > 0)
+    faults += [f"{missing} of {contents.messages} messages of {METADATA} are missing"] * (
+        missing > 0
+    )
     return files, faults, contents.compression == "message"
 
 
@@ -500,7 +598,9 @@ def kind_of(path: Path) -> str:
     """
     with open_regular(path) as file:
         begin = file.read(max(map(len, FOREIGN)))
-    if words := next((words for foreign, words in FOREIGN.items() if begin.startswith(foreign)), ""):
+    if words := next(
+        (words for foreign, words in FOREIGN.items() if begin.startswith(foreign)), ""
+    ):
         raise UsageError(f"cannot read bag {path}: it {words}")
     kinds = [suffix for suffix in path.suffixes if suffix in MAGICS]
     kinds += [kind for kind, magic in MAGICS.items() if begin.startswith(magic)]
@@ -516,7 +616,10 @@ def _decompressed(packed: Path, folder: Path) -> Path:
         OSError: The file is missing, or grows too much.
         zstandard.ZstdError: It cannot be decompressed.
     """
-    path, most = folder / packed.name.removesuffix(".zstd"), max(MOST_GROWTH * packed.stat().st_size, ALLOWED_SIZE)
+    path, most = (
+        folder / packed.name.removesuffix(".zstd"),
+        max(MOST_GROWTH * packed.stat().st_size, ALLOWED_SIZE),
+    )
     with open_regular(packed) as file, path.open("wb") as unpacked:
         reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
         while data := reader.read(BLOCK):
@@ -537,10 +640,14 @@ def others_beside(bag: Path) -> list[str]:
     if not bag.is_dir():
         return []
     read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
-    others = sorted(path.name for path in bag.iterdir() if path.suffix in MAGICS and path.name not in read)
+    others = sorted(
+        path.name for path in bag.iterdir() if path.suffix in MAGICS and path.name not in read
+    )
     if not others:
         return []
-    return [f"{bag}: only {listed(sorted(read))} is read; to read {listed(others)}, give it as a file"]
+    return [
+        f"{bag}: only {listed(sorted(read))} is read; to read {listed(others)}, give it as a file"
+    ]
 
 
 class SqliteFile(File):
@@ -555,7 +662,9 @@ class SqliteFile(File):
         super().__init__(path)
         log = path.with_name(f"{path.name}-wal")
         if log.exists() and log.stat().st_size:
-            self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
+            self.faults.append(
+                f"{log.name} holds messages that were never merged: open the bag once with sqlite3"
+            )
         address = f"file:{quote(os.fsencode(path.absolute()))}?mode=ro&immutable=1"
         self._database = sqlite3.connect(address, uri=True)
         self.close = self._database.close
@@ -564,8 +673,13 @@ class SqliteFile(File):
         except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
             self.close()
             reason = " ".join(str(error).split())[:120]
-            advice = "; ".join(self.faults) or "try to get its messages into another one with sqlite3's own `.recover`"
-            raise UsageError(f"{path} is not a sqlite3 bag, or it is damaged ({reason}): {advice}") from None
+            advice = (
+                "; ".join(self.faults)
+                or "try to get its messages into another one with sqlite3's own `.recover`"
+            )
+            raise UsageError(
+                f"{path} is not a sqlite3 bag, or it is damaged ({reason}): {advice}"
+            ) from None
 
     def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
         """Messages of a segment; see `File.read`."""
@@ -586,17 +700,29 @@ class SqliteFile(File):
         if (integrity := one("PRAGMA integrity_check(1)")) != "ok":
             raise ValueError(integrity)
         if one("PRAGMA page_count") * one("PRAGMA page_size") > self.path.stat().st_size:
-            raise ValueError("it is cut off")  # sqlite takes what is missing of the last page for zeros
+            raise ValueError(
+                "it is cut off"
+            )  # sqlite takes what is missing of the last page for zeros
         kinds = dict(query("SELECT name, type FROM sqlite_master").fetchall())
-        if any(kinds.get(name, "table") != "table" for name in ("topics", "messages", "message_definitions")):
-            raise ValueError("its messages or topics cannot be read as a table")  # a view may take forever to read
+        if any(
+            kinds.get(name, "table") != "table"
+            for name in ("topics", "messages", "message_definitions")
+        ):
+            raise ValueError(
+                "its messages or topics cannot be read as a table"
+            )  # a view may take forever to read
         found = query(DEFINITIONS) if "message_definitions" in kinds else ()
-        definitions = {str(name): definition_of(str(encoding), str(text).encode()) for name, encoding, text in found}
+        definitions = {
+            str(name): definition_of(str(encoding), str(text).encode())
+            for name, encoding, text in found
+        }
         rows, last = query(f"SELECT id, topic_id, timestamp {ROWS} ORDER BY id"), 0
         while part := rows.fetchmany(AT_ONCE):
             ids, topics, times = zip(*part, strict=True)
             span = min(times), max(times)
-            self.segments.append(Segment(ids[0], ids[-1], ids[0], 0, times=span, counts=Counter(topics)))
+            self.segments.append(
+                Segment(ids[0], ids[-1], ids[0], 0, times=span, counts=Counter(topics))
+            )
             self.goes_back |= any(later < earlier for earlier, later in pairwise((last, *times)))
             last = times[-1]
         for number, *texts in query("SELECT id, name, type, serialization_format FROM topics"):

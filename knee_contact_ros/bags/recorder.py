@@ -65,7 +65,12 @@ CHUNK_SIZE = 64 * 1024
 """Size [B] of the records beyond which a chunk ends: a small chunk ends in 2-4 ms, and a crash loses little"""
 LIBRARY = "knee_contact_ros"
 """Name of the writing library in the header of a file"""
-ROSBAG2, REFUSED_SAMPLES, CONTINUED, INTERRUPTED = "rosbag2", "refused_samples", "continued", "interrupted"
+ROSBAG2, REFUSED_SAMPLES, CONTINUED, INTERRUPTED = (
+    "rosbag2",
+    "refused_samples",
+    "continued",
+    "interrupted",
+)
 """Names of metadata records: the `metadata.yaml` of the file, the number of refused samples by reason, the first file
 of the recording that a file continues, the reason why the node did not complete the recording"""
 METADATA = "metadata.yaml"
@@ -81,11 +86,17 @@ FOREVER = {"sec": 9223372036, "nsec": 854775807}
 """Infinite duration of a QoS profile"""
 OFFERED_QOS = [
     {
-        "history": "keep_last", "depth": 100, "reliability": "reliable", "durability": "volatile",
-        "deadline": FOREVER, "lifespan": FOREVER, "liveliness": "automatic", "liveliness_lease_duration": FOREVER,
+        "history": "keep_last",
+        "depth": 100,
+        "reliability": "reliable",
+        "durability": "volatile",
+        "deadline": FOREVER,
+        "lifespan": FOREVER,
+        "liveliness": "automatic",
+        "liveliness_lease_duration": FOREVER,
         "avoid_ros_namespace_conventions": False,
     }
-]  # fmt: skip
+]
 """QoS profiles that the node and `replay` offer"""
 
 
@@ -125,7 +136,9 @@ class Index(NamedTuple):
     def write(self, stream: RecordBuilder) -> None:
         """Write the record, as `mcap.records.MessageIndex` does."""
         size = self.entries.itemsize * len(self.entries)
-        stream.write(HEAD.pack(Opcode.MESSAGE_INDEX, INDEX.size + size) + INDEX.pack(self.channel, size))
+        stream.write(
+            HEAD.pack(Opcode.MESSAGE_INDEX, INDEX.size + size) + INDEX.pack(self.channel, size)
+        )
         stream.write(self.entries.tobytes())
 
 
@@ -141,7 +154,12 @@ class BagFile(Writer):
     _Writer__chunk_builder: Any
 
     def __init__(
-        self, path: Path, file: IO[bytes], compressed: bool, overwrite: bool, earlier: Mapping[str, int]
+        self,
+        path: Path,
+        file: IO[bytes],
+        compressed: bool,
+        overwrite: bool,
+        earlier: Mapping[str, int],
     ) -> None:
         """Open a file for writing.
 
@@ -152,7 +170,12 @@ class BagFile(Writer):
             overwrite: Whether the complete file replaces one that has the final name.
             earlier: Number of messages of each topic in earlier files of the recording: sequence numbers continue.
         """
-        self.path, self.partial, self._overwrite, self._earlier = path, partial_name(path), overwrite, earlier
+        self.path, self.partial, self._overwrite, self._earlier = (
+            path,
+            partial_name(path),
+            overwrite,
+            earlier,
+        )
         self.channels: dict[str, int] = {}
         """Channel number of each topic"""
         self.topics: list[dict[str, Any]] = []
@@ -160,7 +183,9 @@ class BagFile(Writer):
         self._schemas: dict[str, int] = {}  # number of each schema by its name
         self._closing, self._file = Lock(), file
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
-        super().__init__(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        super().__init__(
+            self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True
+        )
         self.start("ros2", LIBRARY)
         self._chunk = self._Writer__chunk_builder
         self.statistics = self._Writer__statistics
@@ -180,19 +205,31 @@ class BagFile(Writer):
         """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
         type_hash = typestore().hash_rihs01(type_name)
         entry = {"name": topic, "type": type_name, "serialization_format": "cdr"}
-        self.topics.append(entry | {"offered_qos_profiles": qos_of(type_name), "type_description_hash": type_hash})
+        self.topics.append(
+            entry | {"offered_qos_profiles": qos_of(type_name), "type_description_hash": type_hash}
+        )
         if type_name not in self._schemas:
-            self._schemas[type_name] = self.register_schema(type_name, "ros2msg", definition(type_name))
+            self._schemas[type_name] = self.register_schema(
+                type_name, "ros2msg", definition(type_name)
+            )
         metadata = {"offered_qos_profiles": offered_qos(type_name), "topic_type_hash": type_hash}
-        self.channels[topic] = self.register_channel(topic, "cdr", self._schemas[type_name], metadata)
+        self.channels[topic] = self.register_channel(
+            topic, "cdr", self._schemas[type_name], metadata
+        )
 
     def next_number(self, topic: str) -> int:
         """Sequence number of the next message of a topic: its number of messages in this file and earlier ones."""
-        return self._earlier.get(topic, 0) + self.statistics.channel_message_counts.get(self.channels[topic], 0)
+        return self._earlier.get(topic, 0) + self.statistics.channel_message_counts.get(
+            self.channels[topic], 0
+        )
 
     def write_all(self, messages: Iterable[Record], names: Mapping[str, str]) -> None:
         """Write messages under the absolute names of their topics; log time and publish time are their stamps [ns]."""
-        counts, write, place = self.statistics.channel_message_counts, self._chunk.record_writer.write, self.place
+        counts, write, place = (
+            self.statistics.channel_message_counts,
+            self._chunk.record_writer.write,
+            self.place,
+        )
         for topic, stamp, data in messages:
             name = names[topic]
             channel = self.channels[name]
@@ -200,13 +237,20 @@ class BagFile(Writer):
             entries = self._entries_of(channel, 1, stamp, stamp)
             entries.append(stamp)
             entries.append(place)
-            write(MESSAGE_HEAD.pack(MESSAGE_OPCODE, MESSAGE.size + len(data), channel, number, stamp, stamp) + data)
+            write(
+                MESSAGE_HEAD.pack(
+                    MESSAGE_OPCODE, MESSAGE.size + len(data), channel, number, stamp, stamp
+                )
+                + data
+            )
             place += MESSAGE_HEAD.size + len(data)
             if place > CHUNK_SIZE:
                 self.flush()
                 place = 0
 
-    def append(self, data: memoryview, entries: Mapping[int, bytes], first: int, last: int) -> None:
+    def append(
+        self, data: memoryview, entries: Mapping[int, bytes], first: int, last: int
+    ) -> None:
         """Add message records to the chunk that is being filled, and end it if it is full then.
 
         Args:
@@ -270,7 +314,12 @@ class BagFile(Writer):
     def complete(self) -> None:
         """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
         self.add_metadata(
-            ROSBAG2, {"serialized_metadata": to_yaml(information([(self.path.name, self.statistics)], self.topics))}
+            ROSBAG2,
+            {
+                "serialized_metadata": to_yaml(
+                    information([(self.path.name, self.statistics)], self.topics)
+                )
+            },
         )
         self.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
@@ -290,7 +339,10 @@ class BagFile(Writer):
 
     def discard(self) -> None:
         """Close the file and remove it."""
-        with self._closing, suppress(OSError):  # a full disk also refuses what is still in the file's buffer
+        with (
+            self._closing,
+            suppress(OSError),
+        ):  # a full disk also refuses what is still in the file's buffer
             self._file.close()
         self.partial.unlink(missing_ok=True)
 
@@ -314,9 +366,14 @@ class BagWriter:
     """
 
     def __init__(
-        self, path: Path, overwrite: bool = False, limits: Limits = NO_LIMITS, next_free_name: bool = False,
-        alone: bool = False, compressed: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        path: Path,
+        overwrite: bool = False,
+        limits: Limits = NO_LIMITS,
+        next_free_name: bool = False,
+        alone: bool = False,
+        compressed: bool = True,
+    ) -> None:
         """Open the first file for writing.
 
         Args:
@@ -331,9 +388,13 @@ class BagWriter:
             UsageError: The file cannot be written; see `claim`.
         """
         self._limits, self._alone, self._compressed = limits, alone, compressed
-        self._names = output_files.all_names(path) if next_free_name else output_files.later_names(path)
+        self._names = (
+            output_files.all_names(path) if next_free_name else output_files.later_names(path)
+        )
         claimed = (
-            output_files.claim_first(self._names) if next_free_name else (path, output_files.claim(path, overwrite))
+            output_files.claim_first(self._names)
+            if next_free_name
+            else (path, output_files.claim(path, overwrite))
         )
         self.path, file = claimed
         """Path of the first file"""
@@ -372,7 +433,12 @@ class BagWriter:
             return
         self.file.flush()
         earlier = {topic: self.file.next_number(topic) for topic in self.file.channels}
-        following = BagFile(*output_files.claim_first(self._names), self._compressed, overwrite=False, earlier=earlier)
+        following = BagFile(
+            *output_files.claim_first(self._names),
+            self._compressed,
+            overwrite=False,
+            earlier=earlier,
+        )
         for topic in self.file.topics:
             following.add_topic(topic["name"], topic["type"])
         following.add_metadata(CONTINUED, {"first": self.path.name})
@@ -413,7 +479,9 @@ class BagWriter:
         file.take_name()
         self._complete.append((file.path.name, file.statistics))
         if file.path != intended:
-            self.remarks.append(f"something took the name {intended} meanwhile: the recording is {file.path}")
+            self.remarks.append(
+                f"something took the name {intended} meanwhile: the recording is {file.path}"
+            )
             self.path = file.path if self.path == intended else self.path
         if not self._alone:
             put_metadata(self.path.parent, information(self._complete, self.file.topics))
@@ -442,9 +510,12 @@ class AnswerWriter:
     """Writer of answers, with their inputs and outputs, into a bag."""
 
     def __init__(
-        self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES,
+        self,
+        bag: BagWriter,
+        provenance: Mapping[str, str],
+        names: Mapping[str, str] = ABSOLUTE_NAMES,
         told_as: str = PROVENANCE,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Declare the topics in a new bag and write the provenance.
 
         Args:
@@ -477,7 +548,9 @@ class AnswerWriter:
         """Write the remaining inputs, which led to no answer, and the numbers of refused samples by reason."""
         self.bag.file.write_all(ending.inputs, self._names)
         counts = {"total": sum(ending.refused.values())} | ending.refused
-        self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
+        self.bag.add_metadata(
+            REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()}
+        )
 
 
 class Recorder:
@@ -492,7 +565,9 @@ class Recorder:
         self._sync_error: OSError | None = None
         self._done = Event()
         if settings.sync_period:
-            Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
+            Thread(
+                target=self._sync, args=(settings.sync_period,), name="sync", daemon=True
+            ).start()
 
     def flush(self) -> None:
         """Hand all written data to the operating system.
@@ -511,10 +586,14 @@ class Recorder:
             OSError: The file has been removed.
             UsageError: The recording was completed early, as the disk is nearly full.
         """
-        if not self._done.is_set() and (shortage := space_shortage(self._bag.file.free_space(), self._min_free)):
+        if not self._done.is_set() and (
+            shortage := space_shortage(self._bag.file.free_space(), self._min_free)
+        ):
             self._interruption = shortage
             self.finish(None)
-            raise UsageError(f"recording {self._bag.path} has ended, complete up to here: {shortage}")
+            raise UsageError(
+                f"recording {self._bag.path} has ended, complete up to here: {shortage}"
+            )
         news, self._bag.remarks = tuple(self._bag.remarks), []
         return news
 
@@ -564,15 +643,30 @@ def sink_for(knee: Knee) -> Sink | None:
     record = knee.parameters.record
     if not record.path:
         return None
-    limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
+    limits = Limits(
+        record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf
+    )
     settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
     arguments = Path(record.path), dict(knee.provenance), dict(knee.names), settings, knee.told_as
     gather = min(record.flush_period, GATHER)
-    return Sink("recorder", "recording", record.path, __name__, arguments, "records", gaps_allowed=False, gather=gather)
+    return Sink(
+        "recorder",
+        "recording",
+        record.path,
+        __name__,
+        arguments,
+        "records",
+        gaps_allowed=False,
+        gather=gather,
+    )
 
 
 def open_output(
-    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE
+    path: Path,
+    provenance: Mapping[str, str],
+    names: Mapping[str, str],
+    settings: Settings,
+    told_as: str = PROVENANCE,
 ) -> Recorder:
     """Open a recording in the process of a sink, under the first of its possible names that is free.
 
@@ -589,7 +683,9 @@ def open_output(
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings)
 
 
-def information(files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def information(
+    files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
     """Content of `metadata.yaml` for a bag of these files, by name, with the entries of its topics in their order."""
 
     def times(files: Iterable[Statistics]) -> dict[str, Any]:
@@ -609,7 +705,8 @@ def information(files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[s
         "storage_identifier": "mcap",
         **times(each),
         "topics_with_message_count": [
-            {"topic_metadata": topic, "message_count": total[number]} for number, topic in enumerate(topics, start=1)
+            {"topic_metadata": topic, "message_count": total[number]}
+            for number, topic in enumerate(topics, start=1)
         ],
         "compression_format": "",
         "compression_mode": "",
@@ -626,7 +723,10 @@ def put_metadata(folder: Path, content: dict[str, Any]) -> None:
     Raises:
         OSError: The file cannot be written; an earlier one is unchanged.
     """
-    metadata, first = folder / METADATA, to_yaml({"": {"relative_file_paths": content["relative_file_paths"][:1]}})
+    metadata, first = (
+        folder / METADATA,
+        to_yaml({"": {"relative_file_paths": content["relative_file_paths"][:1]}}),
+    )
     try:
         with open_regular(metadata) as file:  # not parsed, which takes as long as writing it
             is_ours = first.encode().partition(b"\n")[2] in file.read(LARGEST_METADATA)
@@ -634,7 +734,9 @@ def put_metadata(folder: Path, content: dict[str, Any]) -> None:
         is_ours = not os.path.lexists(metadata)
     if not is_ours:
         return
-    partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one meanwhile
+    partial = partial_name(
+        metadata.with_name(f"{METADATA}.{os.getpid()}")
+    )  # others may write one meanwhile
     output_files.write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
     partial.replace(metadata)
     sync_folder(folder)
@@ -655,7 +757,11 @@ def to_yaml(content: Any) -> str:
 def qos_of(type_name: str) -> list[dict[str, Any]]:
     """Offered QoS profiles of a topic by its type; late subscribers also get the description of the leg."""
     is_description = type_name == MESSAGE_TYPES[ROBOT_DESCRIPTION]
-    return [OFFERED_QOS[0] | {"depth": 1, "durability": "transient_local"}] if is_description else OFFERED_QOS
+    return (
+        [OFFERED_QOS[0] | {"depth": 1, "durability": "transient_local"}]
+        if is_description
+        else OFFERED_QOS
+    )
 
 
 @cache

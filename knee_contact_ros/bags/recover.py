@@ -57,7 +57,10 @@ class Recovery(NamedTuple):
 
 
 def recover(
-    source: Path, output: Path, advance: Advance = lambda _done, _total: None, overwrite: bool = False
+    source: Path,
+    output: Path,
+    advance: Advance = lambda _done, _total: None,
+    overwrite: bool = False,
 ) -> Recovery:
     """Write the readable content of `source` to `output`.
 
@@ -74,9 +77,15 @@ def recover(
         UsageError: The output cannot be written, or no message can be read; an existing output is unchanged.
         OSError: Reading or writing has failed; an existing output is unchanged.
     """
-    with closing(_opened(source, output, overwrite, lambda done, total: advance(done, 2 * total))) as file:
+    with closing(
+        _opened(source, output, overwrite, lambda done, total: advance(done, 2 * total))
+    ) as file:
         if not file.counts.total():
-            kind = "no MCAP file" if not file.streams else "an MCAP file of which no message can be read"
+            kind = (
+                "no MCAP file"
+                if not file.streams
+                else "an MCAP file of which no message can be read"
+            )
             raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
         topics, spans = _topics(file), [segment.times for segment in file.segments]
         times = min(first for first, _ in spans), max(last for _, last in spans)
@@ -90,7 +99,9 @@ def recover(
             _write(partial, file, lambda done: advance(file.size + done, 2 * file.size))
             (partial.replace if overwrite else lambda target: rename_new(partial, target))(output)
         except FileExistsError:
-            raise UsageError(f"{output} appeared in the meantime and was not changed; choose another name") from None
+            raise UsageError(
+                f"{output} appeared in the meantime and was not changed; choose another name"
+            ) from None
         finally:
             partial.unlink(missing_ok=True)
     return Recovery(topics, times, file.size, file.unread, file.faults)
@@ -99,7 +110,11 @@ def recover(
 def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> McapFile:
     """Open the file, unless it cannot be recovered or the output must not be written."""
     if not source.is_file():
-        reason = "is a folder: give the .mcap file in it" if source.is_dir() else "is not there: give an MCAP file"
+        reason = (
+            "is a folder: give the .mcap file in it"
+            if source.is_dir()
+            else "is not there: give an MCAP file"
+        )
         raise UsageError(f"{source} {reason}")
     if is_being_written(source):
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
@@ -122,38 +137,60 @@ def _topics(file: McapFile) -> list[TopicCount]:
         promised[channel.topic] += (file.promised or {}).get(number, 0)
         types[channel.topic] = schema.name
     return [
-        TopicCount(topic, name, counts[topic], max(promised[topic] - counts[topic], 0) if file.promised else None)
+        TopicCount(
+            topic,
+            name,
+            counts[topic],
+            max(promised[topic] - counts[topic], 0) if file.promised else None,
+        )
         for topic, name in types.items()
     ]
 
 
 def _write(partial: Path, file: McapFile, advance: Callable[[int], None]) -> None:
     """Write the readable content of a file to `partial`."""
-    first = next((segment.compression for segment in file.segments if segment.compression is not None), "zstd")
+    first = next(
+        (segment.compression for segment in file.segments if segment.compression is not None),
+        "zstd",
+    )
     with partial.open("wb") as output:
         compression = COMPRESSIONS.get(first, CompressionType.ZSTD)
-        writer = Writer(output, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        writer = Writer(
+            output, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True
+        )
         writer.start(profile=file.profile, library=LIBRARY)
         schemas, channels = {0: 0}, {}
         for number, (channel, schema) in sorted(file.streams.items()):
             if schema.id not in schemas:
-                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
             channels[number] = writer.register_channel(
-                channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata
+                channel.topic,
+                channel.message_encoding,
+                schemas[channel.schema_id],
+                channel.metadata,
             )
         for offset, entry in file.in_file_order():
             if isinstance(entry, Attachment):
-                writer.add_attachment(entry.create_time, entry.log_time, entry.name, entry.media_type, entry.data)
+                writer.add_attachment(
+                    entry.create_time, entry.log_time, entry.name, entry.media_type, entry.data
+                )
             elif not isinstance(entry, Metadata):
                 channel_id = channels[entry.channel_id]
-                writer.add_message(channel_id, entry.log_time, entry.data, entry.publish_time, entry.sequence)
+                writer.add_message(
+                    channel_id, entry.log_time, entry.data, entry.publish_time, entry.sequence
+                )
             elif entry.name != ROSBAG2:  # it has other numbers of messages
                 writer.add_metadata(entry.name, entry.metadata)
             advance(offset)
         origin = {
-            "source": file.path.name, "source_bytes": str(file.size), "unread_bytes": str(file.unread),
-            "messages": str(file.counts.total()), "faults": "\n".join(file.faults[:MOST_FAULTS]),
-        }  # fmt: skip
+            "source": file.path.name,
+            "source_bytes": str(file.size),
+            "unread_bytes": str(file.unread),
+            "messages": str(file.counts.total()),
+            "faults": "\n".join(file.faults[:MOST_FAULTS]),
+        }
         writer.add_metadata(RECOVERED, origin)
         writer.finish()  # type: ignore[no-untyped-call]
         output.flush()

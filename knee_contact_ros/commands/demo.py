@@ -59,7 +59,13 @@ from knee_contact_ros.system.output_files import partial_name, replace, work_fol
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.ros import executor_of, joining, private_graph
 from knee_contact_ros.system.terminal import progress, warn
-from knee_contact_ros.view.output import NOT_INSTALLED, has_screen, installed_viewer, look, viewer_command
+from knee_contact_ros.view.output import (
+    NOT_INSTALLED,
+    has_screen,
+    installed_viewer,
+    look,
+    viewer_command,
+)
 from knee_contact_ros.view.picture import draw_knee, drawn
 
 BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
@@ -78,7 +84,15 @@ RECORDING = Path("recording") / "recording_0.mcap"
 LOAD_RECORDING = Path("load_recording") / "load_recording_0.mcap"
 RERUN_FILE, PICTURE = Path("knee_contact.rrd"), Path("knee.png")
 NODE_LOG, LOAD_LOG, COMPANION_LOG = Path("node.log"), Path("load.log"), Path("companion.log")
-RESULTS = RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG
+RESULTS = (
+    RECORDING.parent,
+    LOAD_RECORDING.parent,
+    RERUN_FILE,
+    PICTURE,
+    NODE_LOG,
+    LOAD_LOG,
+    COMPANION_LOG,
+)
 """Names of the results of all demos: a demo replaces those of an earlier one"""
 SIZE, DPI = (5.2, 6.0), 160
 """Size of the picture [in], and its resolution"""
@@ -119,20 +133,29 @@ class Listener:
 
         def on_diagnostics(message: DiagnosticArray) -> None:
             for status in message.status:
-                if any(value.key == "publishers" and value.value != "0" for value in status.values):
+                if any(
+                    value.key == "publishers" and value.value != "0" for value in status.values
+                ):
                     self.heard.add(status.name)
 
         for kind, topic, callback in (
-            (KneeContact, KNEE_CONTACT, on_contact), (DiagnosticArray, "/diagnostics", on_diagnostics),
-            (Float64MultiArray, COMPANION_COMMANDS, lambda message: self.torques.append(message.data[0])),
-        ):  # fmt: skip
+            (KneeContact, KNEE_CONTACT, on_contact),
+            (DiagnosticArray, "/diagnostics", on_diagnostics),
+            (
+                Float64MultiArray,
+                COMPANION_COMMANDS,
+                lambda message: self.torques.append(message.data[0]),
+            ),
+        ):
             node.create_subscription(kind, topic, callback, QoSProfile(depth=1000))
 
     def publish(self, message: RawMessage, replayer: Replayer) -> None:
         """Publish an input; note the time if it is a force, and add the companion's torque if it assists a joint."""
         is_force = message.topic == f"/{self.inputs[1]}"
         if self.assisted and not is_force:
-            message = message._replace(data=with_assistance(message.data, self.assisted, self.torques[-1]))
+            message = message._replace(
+                data=with_assistance(message.data, self.assisted, self.torques[-1])
+            )
         replayer.publish(message)
         if is_force:
             self.published[stamp_in(message.data)] = time.perf_counter()
@@ -144,7 +167,12 @@ class Listener:
 
 
 def run_demo(
-    bag: Path | None, files: list[Path], load_files: list[Path], companion: bool, output: Path, rate: float
+    bag: Path | None,
+    files: list[Path],
+    load_files: list[Path],
+    companion: bool,
+    output: Path,
+    rate: float,
 ) -> None:
     """Run the demo and print its table.
 
@@ -169,10 +197,16 @@ def run_demo(
     with BagInputs(bag, load or parameters, OWN_NAMES) as opened_bag:
         check_joints(opened_bag, parameters.joints() | (load.joints() if load else {}))
     inputs = LOAD_INPUTS if load else INPUTS
-    needed = {f"knee_contact: {topic}" for topic in INPUTS} | {f"knee_load: {topic}" for topic in inputs if load}
+    needed = {f"knee_contact: {topic}" for topic in INPUTS} | {
+        f"knee_load: {topic}" for topic in inputs if load
+    }
     listener = Listener(inputs, load.knee if load and assisted else None)
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
-    with BagReader(bag, types) as reader, work_folder(output) as work, private_graph() as environment:
+    with (
+        BagReader(bag, types) as reader,
+        work_folder(output) as work,
+        private_graph() as environment,
+    ):
         os.environ.update(environment)
         processes: list[AbstractContextManager[Child]] = [node_process(files, work, values=values)]
         if companion:
@@ -184,10 +218,14 @@ def run_demo(
             play([*reader.raw_messages()], rate, listener, needed, companion, children)
         summary = read_summary(work / RECORDING.parent, parameters.body_weight, stream.doubts)
         if not summary.ticks:
-            raise UsageError(f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}")
+            raise UsageError(
+                f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}"
+            )
         rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
         if load and assisted:
-            rows |= assisted_rows(bag, load, parameters, work, summary.peaks["contact_force"].contact_force)
+            rows |= assisted_rows(
+                bag, load, parameters, work, summary.peaks["contact_force"].contact_force
+            )
         places = result_files(output, load is not None, companion)
         try:
             draw_peak(work / RECORDING.parent, stream.model, parameters, work / PICTURE)
@@ -211,7 +249,9 @@ def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
         rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {most:.2f} ms max"
     if len(torques := listener.torques) > 1:
         highest = max(torques)
-        rows["assist torque"] = f"{highest:.1f} N m, lowered to {min(torques[torques.index(highest) :]):.1f} N m"
+        rows["assist torque"] = (
+            f"{highest:.1f} N m, lowered to {min(torques[torques.index(highest) :]):.1f} N m"
+        )
     return rows
 
 
@@ -226,13 +266,17 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
     require("report", "matplotlib")
     answers = read_answers(recording)
     what = "contact_force" if model.height_prescribed else "load"
-    peak = answers[int(np.nan_to_num(answers[what], nan=-np.inf).argmax())]  # a doubtful load may have no number
+    peak = answers[
+        int(np.nan_to_num(answers[what], nan=-np.inf).argmax())
+    ]  # a doubtful load may have no number
     which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
     when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
     title = f"{which}largest {what.replace('_', ' ')}, at {when} s"
     with drawn(picture, SIZE, DPI, **STYLE) as figure:
         knee = figure.subplots()
-        angle, height, force = (float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force"))
+        angle, height, force = (
+            float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force")
+        )
         draw_knee(knee, model, angle, height, force, parameters.body_weight)
         knee.set_title(title)
     return title
@@ -243,7 +287,11 @@ def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
     logs = {"Companion's log": output / COMPANION_LOG} if companion else {}
     places = {"Recording": output / RECORDING.parent, "Node's log": output / NODE_LOG, **logs}
     if load:
-        places = {"Load's recording": output / LOAD_RECORDING.parent, "Load's log": output / LOAD_LOG, **places}
+        places = {
+            "Load's recording": output / LOAD_RECORDING.parent,
+            "Load's log": output / LOAD_LOG,
+            **places,
+        }
     scene = {"Not drawn": NOT_INSTALLED}
     if installed_viewer():
         see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
@@ -252,9 +300,13 @@ def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
 
 
 def play(
-    messages: Sequence[RawMessage], rate: float, listener: Listener, needed: set[str], companion: bool,
+    messages: Sequence[RawMessage],
+    rate: float,
+    listener: Listener,
+    needed: set[str],
+    companion: bool,
     children: Sequence[Child],
-) -> None:  # fmt: skip
+) -> None:
     """Replay messages at a rate, and let the `listener` collect the answers and the companion's commands.
 
     It waits until the inputs `needed` have a publisher, as in `Listener.heard`, and the companion commands something.
@@ -308,15 +360,20 @@ def play(
 
 @contextmanager
 def node_process(
-    files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, Any] | None = None,
+    files: list[Path],
+    work: Path,
+    patience: float = PATIENCE,
+    values: Mapping[str, Any] | None = None,
     load: bool = False,
-) -> Iterator[Child]:  # fmt: skip
+) -> Iterator[Child]:
     """Run the contact node, or the `load` node, in its own process, with parameter files and further `values`.
 
     It records in `work`, and the contact node also draws there if Rerun is installed; for `patience` [s] see
     `child_process`.
     """
-    name, command, log = ("the load node", "load", LOAD_LOG) if load else ("the node", "node", NODE_LOG)
+    name, command, log = (
+        ("the load node", "load", LOAD_LOG) if load else ("the node", "node", NODE_LOG)
+    )
     outputs = {"record.path": work / (LOAD_RECORDING if load else RECORDING)}
     mode = {}
     if installed_viewer() and not load:
@@ -330,8 +387,13 @@ def node_process(
     ]
     with child_process(name, arguments, work / log, patience) as node:
         yield node
-    deadline = time.monotonic() + patience  # a busy machine completes the files after their node has ended
-    while any(partial_name(path).exists() for path in outputs.values()) and time.monotonic() < deadline:
+    deadline = (
+        time.monotonic() + patience
+    )  # a busy machine completes the files after their node has ended
+    while (
+        any(partial_name(path).exists() for path in outputs.values())
+        and time.monotonic() < deadline
+    ):
         time.sleep(POLL_PERIOD)
 
 
@@ -378,17 +440,28 @@ def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
     calibrated = "yes" if load.calibrated else "no: for looking, not for gating anything"
     rows = {"load's level": load.chosen_level, "calibrated": calibrated}
     axial, deviation = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE)
-    rows["estimated load"] = f"{axial:.1f} N ({axial / weight:.2f} BW), standard deviation {deviation:.0f} N"
+    rows["estimated load"] = (
+        f"{axial:.1f} N ({axial / weight:.2f} BW), standard deviation {deviation:.0f} N"
+    )
     if bag.resolve() == (share_folder() / "bags" / BAG).resolve():
         recorded, _ = largest(bag.with_name(RECORDED), JOINT_REACTION_FORCE)
-        rows["recorded load"] = f"{recorded:.1f} N ({recorded / weight:.2f} BW), by OpenSim from muscles"
+        rows["recorded load"] = (
+            f"{recorded:.1f} N ({recorded / weight:.2f} BW), by OpenSim from muscles"
+        )
     return rows
 
 
-def assisted_rows(bag: Path, load: LoadParameters, parameters: Any, work: Path, most: float) -> dict[str, str]:
+def assisted_rows(
+    bag: Path, load: LoadParameters, parameters: Any, work: Path, most: float
+) -> dict[str, str]:
     """Return rows that compare the contact, `most` [N], with that of the same bag without assistance, offline."""
     loads = work / "without_assistance.mcap"
-    estimate_load(bag, load_parameters([load, {"knee.assisted": False}], LoadParameters), loads, lambda *_: None)
+    estimate_load(
+        bag,
+        load_parameters([load, {"knee.assisted": False}], LoadParameters),
+        loads,
+        lambda *_: None,
+    )
     alone = solve(loads, parameters, None, lambda *_: None).peaks["contact_force"].contact_force
     return {
         "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",

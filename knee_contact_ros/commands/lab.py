@@ -28,7 +28,9 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import require
 
 anyway_option = click.option(
-    "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
+    "--anyway",
+    is_flag=True,
+    help="Write the bag although a value is probably a mistake. You get a warning instead.",
 )
 files_argument = click.argument("files", type=FILE, metavar="FILE...", nargs=-1, required=True)
 sensor_map_option = path_option(
@@ -47,7 +49,9 @@ sensor_map_option = path_option(
 @path_option("--reactions", "JR.sto", "Reactions of a JointReaction analysis.")
 @path_option("--speeds", "U.sto", "Rates of the angles. [default: derived from the angles]")
 @path_option(
-    "--model", "M.osim", "Model, for the body weight, and for the sign of flexion if the angles do not show it."
+    "--model",
+    "M.osim",
+    "Model, for the body weight, and for the sign of flexion if the angles do not show it.",
 )
 @click.option(
     "--ground",
@@ -58,7 +62,9 @@ sensor_map_option = path_option(
     "estimate-load. Needs --model and the extra opensim. With --setup you may leave out the file.",
 )
 @click.option(
-    "--joint", metavar="NAME", help="Joint of the reactions. [default: the one with knee and side in its name]"
+    "--joint",
+    metavar="NAME",
+    help="Joint of the reactions. [default: the one with knee and side in its name]",
 )
 @click.option(
     "--coordinate",
@@ -66,13 +72,26 @@ sensor_map_option = path_option(
     help="Column or coordinate of the angle. [default: the one with knee and side in its name]",
 )
 @choice_option(
-    "--angle-unit", ["auto", "deg", "rad"], "Unit of the angle. auto: from the header and the values.", "auto"
+    "--angle-unit",
+    ["auto", "deg", "rad"],
+    "Unit of the angle. auto: from the header and the values.",
+    "auto",
 )
-@choice_option("--angle-sign", ["auto", "1", "-1"], "Sign of the angle. -1: flexion is negative in the file.", "auto")
+@choice_option(
+    "--angle-sign",
+    ["auto", "1", "-1"],
+    "Sign of the angle. -1: flexion is negative in the file.",
+    "auto",
+)
 @click.option("--start", type=FiniteRange(), metavar="S", help="Leave out earlier samples [s].")
 @click.option("--end", type=FiniteRange(), metavar="S", help="Leave out later samples [s].")
 @number_option(
-    "--rate", 0.0, 10_000.0, 200.0, "Interpolate angles and reactions to this rate. 0: each row keeps its stamp.", "HZ"
+    "--rate",
+    0.0,
+    10_000.0,
+    200.0,
+    "Interpolate angles and reactions to this rate. 0: each row keeps its stamp.",
+    "HZ",
 )
 @path_option(
     "--setup",
@@ -89,11 +108,18 @@ sensor_map_option = path_option(
     "static is quicker than cmc, and uses its set-up file if it has none. [default: all that have a file]",
 )
 @click.option(
-    "--work", type=Output(folder=True), metavar="DIR", help="New folder in which --setup keeps logs and all results."
+    "--work",
+    type=Output(folder=True),
+    metavar="DIR",
+    help="New folder in which --setup keeps logs and all results.",
 )
-@choice_option("--side", ["right", "left", "both"], "Side of the knee. both: one bag for each.", None)
+@choice_option(
+    "--side", ["right", "left", "both"], "Side of the knee. both: one bag for each.", None
+)
 @output_option(
-    "BAG", "rosbag2 folder to write. With --side both: BAG_right and BAG_left.", replace="Replace a bag of that name."
+    "BAG",
+    "rosbag2 folder to write. With --side both: BAG_right and BAG_left.",
+    replace="Replace a bag of that name.",
 )
 @anyway_option
 def import_opensim(**options: Any) -> None:
@@ -128,7 +154,9 @@ def import_csv(**options: Any) -> None:
 @click.command()
 @files_argument
 @sensor_map_option
-@output_option("OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists.")
+@output_option(
+    "OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists."
+)
 @number_option(
     "--longest-lag",
     0.01,
@@ -157,11 +185,25 @@ def align(**options: Any) -> None:
     help="Position of the slice along z, the medio-lateral axis [mm]. auto: through the contact centre of the "
     "compartment.",
 )
-@output_option("OUT.csv", "Profile to write. A picture OUT.png and a parameter file OUT.yaml are written too.", ".csv")
+@output_option(
+    "OUT.csv",
+    "Profile to write. A picture OUT.png and a parameter file OUT.yaml are written too.",
+    ".csv",
+)
 @path_option("--bone", "MESH", "Mesh of the bone, to measure the thickness of the cartilage.")
 @choice_option("--side", ["femur", "tibia"], "Bone that the cartilage covers.", "femur")
-@choice_option("--compartment", ["medial", "lateral"], "For --slice auto: medial is z < 0, lateral z > 0.", "medial")
-@choice_option("--unit", ["m", "mm", "cm"], "Unit of the meshes. [default: m; label maps and 3D Slicer: mm]", "")
+@choice_option(
+    "--compartment",
+    ["medial", "lateral"],
+    "For --slice auto: medial is z < 0, lateral z > 0.",
+    "medial",
+)
+@choice_option(
+    "--unit",
+    ["m", "mm", "cm"],
+    "Unit of the meshes. [default: m; label maps and 3D Slicer: mm]",
+    "",
+)
 @click.option(
     "--axes",
     metavar="X,Y,Z",
@@ -175,15 +217,27 @@ def align(**options: Any) -> None:
     "0. [default: mesh; tibia: surface]",
 )
 @number_option(
-    "--tolerance", 0.001, 2.0, 0.05, "Largest RMS distance [mm] that smoothing may add to the roughness of the mesh."
+    "--tolerance",
+    0.001,
+    2.0,
+    0.05,
+    "Largest RMS distance [mm] that smoothing may add to the roughness of the mesh.",
 )
 @number_option(
-    "--slab", 0.0, 10.0, 2.0, "Half width [mm] of the slab around the slice whose points are used, to average noise."
+    "--slab",
+    0.0,
+    10.0,
+    2.0,
+    "Half width [mm] of the slab around the slice whose points are used, to average noise.",
 )
 @click.option("--label", type=int, metavar="N", help="Label of the cartilage in a label map.")
-@click.option("--bone-label", type=int, metavar="N", help="Label of the bone in a label map given as --bone.")
+@click.option(
+    "--bone-label", type=int, metavar="N", help="Label of the bone in a label map given as --bone."
+)
 @overwrite_option("Replace OUT.csv, OUT.png and OUT.yaml if they exist.")
-def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any) -> None:
+def fit_profile(
+    mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any
+) -> None:
     """Make a profile from a mesh of cartilage.
 
     It cuts MESH, smooths the articular side of the slice, and writes the profile for femur.profile or tibia.profile, a
@@ -210,11 +264,30 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     help="CSV file of a trial, or several files with one clock; the first one sets the sampling. Once per trial.",
 )
 @click.option(
-    "--time", default="time_s", show_default=True, metavar="COLUMN", help="Column of the time [s], in every file."
+    "--time",
+    default="time_s",
+    show_default=True,
+    metavar="COLUMN",
+    help="Column of the time [s], in every file.",
 )
-@click.option("--axial", required=True, metavar="SUM", help="Axial compression [N], for example 'pm + am + pl + al'.")
-@click.option("--medial", required=True, metavar="SUM", help="Its medial part [N], for example '0.98 am + 0.97 pm'.")
-@click.option("--flexion", required=True, metavar="SUM", help="Flexion angle, for example --flexion=-knee_angle.")
+@click.option(
+    "--axial",
+    required=True,
+    metavar="SUM",
+    help="Axial compression [N], for example 'pm + am + pl + al'.",
+)
+@click.option(
+    "--medial",
+    required=True,
+    metavar="SUM",
+    help="Its medial part [N], for example '0.98 am + 0.97 pm'.",
+)
+@click.option(
+    "--flexion",
+    required=True,
+    metavar="SUM",
+    help="Flexion angle, for example --flexion=-knee_angle.",
+)
 @choice_option("--angle-unit", ["deg", "rad"], "Unit of --flexion.", "rad")
 @click.option(
     "--body-weight",
@@ -225,7 +298,10 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     help="Body weight [N]; once, or once per trial.",
 )
 @click.option(
-    "--moment", default="", metavar="SUM", help="Frontal moment torque.x [N m]. Fits the spacing of the compartments."
+    "--moment",
+    default="",
+    metavar="SUM",
+    help="Frontal moment torque.x [N m]. Fits the spacing of the compartments.",
 )
 @choice_option(
     "--form",
@@ -236,7 +312,14 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
 @click.option("--source", default="", help="Source of the data, which is written into the file.")
 @output_option("OUT.csv", "Table to write.", ".csv", replace="Replace OUT.csv if it exists.")
 def fit_share(
-    trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, moment: str, angle_unit: str, **rest: Any
+    trials: tuple[str, ...],
+    time: str,
+    axial: str,
+    medial: str,
+    flexion: str,
+    moment: str,
+    angle_unit: str,
+    **rest: Any,
 ) -> None:
     """Fit the medial share of the load to an instrumented knee.
 
@@ -246,7 +329,9 @@ def fit_share(
     """
     from knee_contact_ros.lab.shares import run_fit_share
 
-    sums = {"--axial": axial, "--medial": medial, "--flexion": flexion} | ({"--moment": moment} if moment else {})
+    sums = {"--axial": axial, "--medial": medial, "--flexion": flexion} | (
+        {"--moment": moment} if moment else {}
+    )
     files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
     run_fit_share(files, time, sums, angle_unit == "deg", **rest)
 
@@ -269,14 +354,30 @@ def fit_share(
     help="Standard deviation of the noise of a column, in its unit. [default: that of the residuals] Once per column.",
 )
 @choice_option(
-    "--loss", ["linear", "soft_l1", "huber"], "linear: least squares; with the others outliers count less.", "linear"
+    "--loss",
+    ["linear", "soft_l1", "huber"],
+    "linear: least squares; with the others outliers count less.",
+    "linear",
 )
-@number_option("--level", 0.0, 1.0, 0.95, "Probability of the intervals.", min_open=True, max_open=True)
-@click.option("--no-intervals", "without", is_flag=True, help="Skip the intervals, which take nine tenths of the time.")
-@number_option("--starts", 1, 1000, 4, "Number of starting points of the search, to find other minima.")
-@output_option("OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists.")
+@number_option(
+    "--level", 0.0, 1.0, 0.95, "Probability of the intervals.", min_open=True, max_open=True
+)
+@click.option(
+    "--no-intervals",
+    "without",
+    is_flag=True,
+    help="Skip the intervals, which take nine tenths of the time.",
+)
+@number_option(
+    "--starts", 1, 1000, 4, "Number of starting points of the search, to find other minima."
+)
+@output_option(
+    "OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists."
+)
 @names_in_bag_options()
-def calibrate(data: tuple[Path, ...], given: Given, without: bool, in_bag: InBag, **rest: Any) -> None:
+def calibrate(
+    data: tuple[Path, ...], given: Given, without: bool, in_bag: InBag, **rest: Any
+) -> None:
     """Fit parameters to measurements.
 
     Give TABLE.csv to fit parameters of the contact. It has the columns time [s], flexion_angle [rad], load [N], and one
@@ -293,7 +394,9 @@ def calibrate(data: tuple[Path, ...], given: Given, without: bool, in_bag: InBag
     from knee_contact_ros.lab.calibrate import bags_in, run_calibrate
 
     files = given.files(None if bags_in(list(data)) else DEFAULT_PARAMETERS)
-    run_calibrate(data, files, given.values(), with_intervals=not without, **in_bag._asdict(), **rest)
+    run_calibrate(
+        data, files, given.values(), with_intervals=not without, **in_bag._asdict(), **rest
+    )
 
 
 study_options = together(
@@ -304,7 +407,9 @@ study_options = together(
         metavar="DIR",
         help="Folder of the results, a path or an fsspec address. Cases that it holds are not computed again.",
     ),
-    number_option("--workers", 1, 1024, None, "Number of processes. [default: one for each processor]"),
+    number_option(
+        "--workers", 1, 1024, None, "Number of processes. [default: one for each processor]"
+    ),
     click.option(
         "--scheduler",
         default="",
@@ -389,7 +494,9 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     basis = basis_of(bag, given.parameter_files or None, given.values(), None, in_bag.namespace)
     results, summary = answers_of(bag, basis, in_bag.names())
     if summary.ticks < 2:
-        raise UsageError(f"bag {bag}: only one tick could be computed, but errors need at least two")
+        raise UsageError(
+            f"bag {bag}: only one tick could be computed, but errors need at least two"
+        )
     warn([*others_beside(bag), *weight_doubt(bag, parameters_in(basis)), *summary.warnings])
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
@@ -403,7 +510,8 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @folder_option(
-    "knee_contact_report", "Folder for the page, its figures and data. Those of an earlier report are replaced."
+    "knee_contact_report",
+    "Folder for the page, its figures and data. Those of an earlier report are replaced.",
 )
 @parameter_options()
 @click.option(
@@ -422,9 +530,17 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     help="YAML file with standard deviations, for example 'contact.stiffness: 20 %'. The report shows their effect on "
     "depth and force.",
 )
-@click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE. Once for each, in their order.")
+@click.option(
+    "--label",
+    "labels",
+    multiple=True,
+    metavar="TEXT",
+    help="Name of a FILE. Once for each, in their order.",
+)
 @names_in_bag_options()
-def report(files: tuple[Path, ...], output: Path, given: Given, in_bag: InBag, **options: Any) -> None:
+def report(
+    files: tuple[Path, ...], output: Path, given: Given, in_bag: InBag, **options: Any
+) -> None:
     """Write a report: figures and tables that need no viewer.
 
     It writes one page (report.html, which needs no other file), figures (PNG) and data (CSV). A FILE is a recording of
@@ -446,7 +562,12 @@ def report(files: tuple[Path, ...], output: Path, given: Given, in_bag: InBag, *
     compare = Given(options.pop("compare")).files(None)
     for path in run_report(
         ReportOptions(
-            files, parameters=sources, parameters_given=any(given), compare=compare, names=in_bag.names(), **options
+            files,
+            parameters=sources,
+            parameters_given=any(given),
+            compare=compare,
+            names=in_bag.names(),
+            **options,
         ),
         output,
     ):

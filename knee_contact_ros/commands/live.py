@@ -41,13 +41,20 @@ CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
     "controller assists the knee.",
 )
 @path_option(
-    "--load-params", "FILE", "Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
-    "load_files", multiple=True,
-)  # fmt: skip
-@folder_option("knee_contact_demo", "Folder for the results. Results of an earlier demo are replaced.")
+    "--load-params",
+    "FILE",
+    "Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
+    "load_files",
+    multiple=True,
+)
+@folder_option(
+    "knee_contact_demo", "Folder for the results. Results of an earlier demo are replaced."
+)
 @number_option("--rate", 0.01, 100.0, 1.0, "Seconds of gait per second.")
 @click.option(
-    "--companion", is_flag=True, help="Also run the example of an assist controller, examples/assist_as_needed.py."
+    "--companion",
+    is_flag=True,
+    help="Also run the example of an assist controller, examples/assist_as_needed.py.",
 )
 def demo(
     bag: Path | None,
@@ -104,16 +111,27 @@ def check_environment() -> None:
     Raises:
         UsageError: there is no such domain, or no keystore where security is enforced.
     """
-    domain, keystore = os.environ.get("ROS_DOMAIN_ID", ""), os.environ.get("ROS_SECURITY_KEYSTORE", "")
+    domain, keystore = (
+        os.environ.get("ROS_DOMAIN_ID", ""),
+        os.environ.get("ROS_SECURITY_KEYSTORE", ""),
+    )
     if domain.isdecimal() and int(domain) > LARGEST_DOMAIN:
-        raise UsageError(f"ROS_DOMAIN_ID: {domain} is not allowed; it must be from 0 to {LARGEST_DOMAIN}")
+        raise UsageError(
+            f"ROS_DOMAIN_ID: {domain} is not allowed; it must be from 0 to {LARGEST_DOMAIN}"
+        )
     if os.environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
         if os.environ.get("ROS_SECURITY_ENABLE") != "true":
             from knee_contact_ros.system.terminal import warn
 
-            warn(["nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS_SECURITY_ENABLE=true, too"])
+            warn(
+                [
+                    "nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS_SECURITY_ENABLE=true, too"
+                ]
+            )
         elif not keystore or not Path(keystore).is_dir():
-            raise UsageError(f"ROS_SECURITY_KEYSTORE: {keystore!r} is no folder, and security is enforced")
+            raise UsageError(
+                f"ROS_SECURITY_KEYSTORE: {keystore!r} is no folder, and security is enforced"
+            )
 
 
 class RosCommand(click.Command):
@@ -136,10 +154,19 @@ def run_kinds(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
         sys.exit(code)
 
 
-PASSED_ON = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": list[str]()}
+PASSED_ON = {
+    "ignore_unknown_options": True,
+    "allow_extra_args": True,
+    "help_option_names": list[str](),
+}
 
 
-@click.command(cls=RosCommand, context_settings=PASSED_ON, add_help_option=False, options_metavar="[--ros-args ...]")
+@click.command(
+    cls=RosCommand,
+    context_settings=PASSED_ON,
+    add_help_option=False,
+    options_metavar="[--ros-args ...]",
+)
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def node(ros_arguments: tuple[str, ...]) -> None:
     """Run the ROS 2 node that computes the contact.
@@ -152,10 +179,16 @@ def node(ros_arguments: tuple[str, ...]) -> None:
 
 
 @click.command(
-    cls=RosCommand, context_settings=PASSED_ON, add_help_option=False,
+    cls=RosCommand,
+    context_settings=PASSED_ON,
+    add_help_option=False,
     options_metavar="[--with-contact] [--ros-args ...]",
-)  # fmt: skip
-@click.option("--with-contact", is_flag=True, help="Run the contact node in the same process, which saves one message.")
+)
+@click.option(
+    "--with-contact",
+    is_flag=True,
+    help="Run the contact node in the same process, which saves one message.",
+)
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     """Run the ROS 2 node that estimates the joint reaction force.
@@ -184,10 +217,17 @@ class OptionalClockRate(click.Command):
 @number_option("--rate", 0.01, 100.0, 1.0, "Seconds of the bag per second.")
 @click.option("--loop", is_flag=True, help="Start over at the end.")
 @number_option(
-    CLOCK, 0.0, 10_000.0, None, "Publish /clock HZ times a second, or with every message without HZ.", "[HZ]"
+    CLOCK,
+    0.0,
+    10_000.0,
+    None,
+    "Publish /clock HZ times a second, or with every message without HZ.",
+    "[HZ]",
 )
 @number_option("--start-offset", 0.0, 1e9, 0.0, "Skip the first SECONDS of the bag.", "SECONDS")
-@number_option("--duration", 0.0, 1e9, None, "Publish only SECONDS of the bag.", "SECONDS", min_open=True)
+@number_option(
+    "--duration", 0.0, 1e9, None, "Publish only SECONDS of the bag.", "SECONDS", min_open=True
+)
 @number_option("--delay", 0.0, 1e6, 0.0, "Wait SECONDS before the first message.", "SECONDS")
 @click.option("--start-paused", is_flag=True, help="Wait for a key before the first message.")
 @number_option("--wait", 0.0, 3600.0, 10.0, "Wait for subscribers for at most this long [s].")
@@ -196,7 +236,9 @@ class OptionalClockRate(click.Command):
     "without one."
 )
 @click.option(
-    "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node instead of /joint_reaction_force."
+    "--sensors",
+    is_flag=True,
+    help="Publish /ground_reaction_force for the load node instead of /joint_reaction_force.",
 )
 def replay(bag: Path, in_bag: InBag, sensors: bool, **timing: Any) -> None:
     """Publish the inputs of a bag at the times of their stamps.

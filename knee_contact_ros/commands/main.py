@@ -21,12 +21,25 @@ LAST_STANDARD_STREAM = 2
 
 GROUPS = {
     "See it": (live.demo, offline.view, lab.report, offline.table),
-    "Compute": (live.node, live.load, live.replay, offline.solve, offline.estimate_load, offline.recover, offline.warm),
+    "Compute": (
+        live.node,
+        live.load,
+        live.replay,
+        offline.solve,
+        offline.estimate_load,
+        offline.recover,
+        offline.warm,
+    ),
     "Bring your own data": (
-        lab.import_opensim, lab.import_csv, lab.align, lab.fit_profile, lab.fit_share, lab.calibrate,
+        lab.import_opensim,
+        lab.import_csv,
+        lab.align,
+        lab.fit_profile,
+        lab.fit_share,
+        lab.calibrate,
     ),
     "Study": (lab.sweep, lab.sensitivity, lab.trade),
-}  # fmt: skip
+}
 """Commands by what they are for, as the help shows them"""
 
 
@@ -37,13 +50,17 @@ class GroupedCommands(click.Group):
         """Write a section for each group."""
         for heading, group in GROUPS.items():
             with formatter.section(heading):
-                formatter.write_dl([(str(command.name), command.get_short_help_str(60)) for command in group])
+                formatter.write_dl(
+                    [(str(command.name), command.get_short_help_str(60)) for command in group]
+                )
 
 
 @click.group(
-    cls=GroupedCommands, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]...",
+    cls=GroupedCommands,
+    invoke_without_command=True,
+    subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
-)  # fmt: skip
+)
 @click.version_option(__version__, package_name="knee_contact_ros", message="%(prog)s %(version)s")
 @click.pass_context
 def knee_contact(context: click.Context) -> None:
@@ -73,7 +90,9 @@ def main(arguments: list[str] | None = None) -> int:
             return 1
         return fail(f"{error.filename or 'writing'}: {error.strerror or error}", code=1)
     except (click.Abort, KeyboardInterrupt) as error:
-        if isinstance(error.__context__, EOFError):  # to click, no more input is an abort; no command asks for any
+        if isinstance(
+            error.__context__, EOFError
+        ):  # to click, no more input is an abort; no command asks for any
             raise error.__context__ from None
         click.echo("knee-contact: interrupted", err=True)
         return INTERRUPTED

@@ -57,7 +57,9 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
         for link, file in zip(links, files, strict=True):
             (folder / link).symlink_to(file.resolve())
         content = {"relative_file_paths": links, "topics_with_message_count": []}
-        (folder / METADATA).write_text(json.dumps({"rosbag2_bagfile_information": content}))  # JSON is YAML
+        (folder / METADATA).write_text(
+            json.dumps({"rosbag2_bagfile_information": content})
+        )  # JSON is YAML
         try:
             yield folder
         except ToldError as error:
@@ -71,12 +73,21 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
 @click.argument("bags", type=FILE, nargs=-1, metavar="[BAG]...")
 @parameter_options()
 @path_option(
-    "--subject", "FILE", "Subject file: body mass, profile, cartilage thickness and bag. --params and -p override it."
+    "--subject",
+    "FILE",
+    "Subject file: body mass, profile, cartilage thickness and bag. --params and -p override it.",
 )
-@output_option("OUT.mcap", "Recording to write.", ".mcap", replace="Replace OUT.mcap if it exists.")
+@output_option(
+    "OUT.mcap", "Recording to write.", ".mcap", replace="Replace OUT.mcap if it exists."
+)
 @names_in_bag_options()
 def solve(
-    bags: tuple[Path, ...], given: Given, subject: Path | None, output: Path, overwrite: bool, in_bag: InBag
+    bags: tuple[Path, ...],
+    given: Given,
+    subject: Path | None,
+    output: Path,
+    overwrite: bool,
+    in_bag: InBag,
 ) -> None:
     """Compute a bag offline.
 
@@ -97,17 +108,29 @@ def solve(
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
     with as_one(bags) as bag:
-        basis = basis_of(bag, given.parameter_files or None, given.values(), person, in_bag.namespace)
+        basis = basis_of(
+            bag, given.parameter_files or None, given.values(), person, in_bag.namespace
+        )
         with progress("Solving") as advance:
             summary = solve_bag(bag, basis, output, advance, overwrite, in_bag.names())
-        files = (subject, *given.parameter_files) if subject else given.parameter_files or (DEFAULT_PARAMETERS,)
-        sources = [f"those in {bag.name}, made with {basis.package}"] if isinstance(basis, Provenance) else files
+        files = (
+            (subject, *given.parameter_files)
+            if subject
+            else given.parameter_files or (DEFAULT_PARAMETERS,)
+        )
+        sources = (
+            [f"those in {bag.name}, made with {basis.package}"]
+            if isinstance(basis, Provenance)
+            else files
+        )
         rows = {"parameters": ", ".join(map(str, [*sources, *given.parameter_values]))}
         parameters = parameters_in(basis)
         if parameters.load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
         if weight_of(bag) == parameters.body_weight:
-            rows["body weight"] = f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
+            rows["body weight"] = (
+                f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
+            )
         show_summary(summary, rows, {"Recording": str(output)})
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
@@ -118,7 +141,9 @@ def solve(
 
 @click.command()
 @click.argument("bag", type=FILE)
-@parameter_options(": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force")
+@parameter_options(
+    ": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force"
+)
 @output_option("OUT.mcap", "Bag to write.", ".mcap", replace="Replace OUT.mcap if it exists.")
 @names_in_bag_options()
 def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag: InBag) -> None:
@@ -137,7 +162,9 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.terminal import progress, warn
 
-    parameters, without, doubts = load_parameters_for(bag, given.files(None), given.values(), in_bag.namespace)
+    parameters, without, doubts = load_parameters_for(
+        bag, given.files(None), given.values(), in_bag.namespace
+    )
     with progress("Estimating") as advance:
         summary = estimate(bag, parameters, output, advance, overwrite, in_bag.names(*LOAD_INPUTS))
     sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
@@ -145,7 +172,9 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     show_load(summary, parameters, rows, str(output))
     warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts, *summary.implausible])
     if summary.damage:
-        raise IncompleteError(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
+        raise IncompleteError(
+            f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"
+        )
 
 
 @click.command()
@@ -170,11 +199,27 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @parameter_options()
-@click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead of opening a window.")
+@click.option(
+    "--save",
+    type=Output(".rrd"),
+    metavar="OUT.rrd",
+    help="Write a Rerun file instead of opening a window.",
+)
 @overwrite_option("Replace OUT.rrd if it exists.")
-@click.option("--serve", is_flag=True, help="Serve the scene to browsers and viewers on this machine instead.")
+@click.option(
+    "--serve",
+    is_flag=True,
+    help="Serve the scene to browsers and viewers on this machine instead.",
+)
 @number_option("--port", 1024, 65534, 9876, "Port for --serve. The next port is used too.")
-def view(sources: tuple[str, ...], given: Given, save: Path | None, overwrite: bool, serve: bool, port: int) -> None:
+def view(
+    sources: tuple[str, ...],
+    given: Given,
+    save: Path | None,
+    overwrite: bool,
+    serve: bool,
+    port: int,
+) -> None:
     """Show recordings in Rerun.
 
     FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of this package is
@@ -194,7 +239,12 @@ def view(sources: tuple[str, ...], given: Given, save: Path | None, overwrite: b
 @click.command()
 @click.argument("bag", type=FILE)
 @output_option("OUT", "Table to write: .csv or .parquet.", ".csv", ".parquet")
-@click.option("--topic", default="", metavar="NAME", help="Write the answers on this topic only. [default: all topics]")
+@click.option(
+    "--topic",
+    default="",
+    metavar="NAME",
+    help="Write the answers on this topic only. [default: all topics]",
+)
 def table(bag: Path, output: Path, topic: str) -> None:
     """Write the answers of a recording as a table.
 
@@ -247,4 +297,6 @@ def warm(given: Given) -> None:
             f"there is no folder for the compiled model: this user has no home and cannot write in {places[0]}; set "
             "XDG_CACHE_HOME"
         )
-    raise IncompleteError(f"the model could not be compiled and kept in {places[0]} or {places[1]}")
+    raise IncompleteError(
+        f"the model could not be compiled and kept in {places[0]} or {places[1]}"
+    )

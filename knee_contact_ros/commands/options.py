@@ -57,34 +57,46 @@ class Output(click.Path):
         super().__init__(path_type=Path, file_okay=not folder)
         self._suffixes = suffixes
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Path:
         """Convert the argument to a path.
 
         Raises:
             UsageError: the output's folder does not exist, or the name has another suffix.
         """
         label = param.opts[0] if isinstance(param, click.Option) else "output"
-        return checked_output(Path(str(super().convert(value, param, ctx))), label, *self._suffixes)
+        return checked_output(
+            Path(str(super().convert(value, param, ctx))), label, *self._suffixes
+        )
 
 
-def path_option(name: str, metavar: str, text: str, *own: str, **more: Any) -> Callable[[Function], Function]:
+def path_option(
+    name: str, metavar: str, text: str, *own: str, **more: Any
+) -> Callable[[Function], Function]:
     """Make an option that names an input file or folder; `text` is its help, `own` and `more` are Click's."""
     return click.option(name, *own, type=FILE, metavar=metavar, help=text, **more)
 
 
-def output_option(metavar: str, text: str, *suffixes: str, replace: str = "") -> Callable[[Function], Function]:
+def output_option(
+    metavar: str, text: str, *suffixes: str, replace: str = ""
+) -> Callable[[Function], Function]:
     """Make the option `--output`, whose name must end with one of `suffixes`, if there are any.
 
     With the help text `replace` the option `--overwrite` follows.
     """
-    output = click.option("--output", type=Output(*suffixes), required=True, metavar=metavar, help=text)
+    output = click.option(
+        "--output", type=Output(*suffixes), required=True, metavar=metavar, help=text
+    )
     return together(output, overwrite_option(replace)) if replace else output
 
 
 def folder_option(default: str, text: str) -> Callable[[Function], Function]:
     """Make the option `--output` for a folder of results."""
     kind = Output(folder=True)
-    return click.option("--output", type=kind, default=default, show_default=True, metavar="DIR", help=text)
+    return click.option(
+        "--output", type=kind, default=default, show_default=True, metavar="DIR", help=text
+    )
 
 
 def overwrite_option(text: str) -> Callable[[Function], Function]:
@@ -92,16 +104,22 @@ def overwrite_option(text: str) -> Callable[[Function], Function]:
     return click.option("--overwrite", is_flag=True, help=text)
 
 
-def choice_option(name: str, values: Sequence[str], text: str, default: str | None) -> Callable[[Function], Function]:
+def choice_option(
+    name: str, values: Sequence[str], text: str, default: str | None
+) -> Callable[[Function], Function]:
     """Make an option with a choice of values; it must be given if the default is None, and may be left out if empty."""
-    own: dict[str, Any] = {"default": default, "show_default": True} if default else {"required": default is None}
+    own: dict[str, Any] = (
+        {"default": default, "show_default": True} if default else {"required": default is None}
+    )
     return click.option(name, type=click.Choice(values), help=text, **own)
 
 
 class FiniteRange(click.FloatRange):
     """Type of an option with a number from a range, without NaN and infinity, which Click's has."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
         """Convert the argument to a number."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
@@ -110,11 +128,19 @@ class FiniteRange(click.FloatRange):
 
 
 def number_option(
-    name: str, low: float, high: Number, default: Number, text: str, metavar: str | None = None, **ends: bool
+    name: str,
+    low: float,
+    high: Number,
+    default: Number,
+    text: str,
+    metavar: str | None = None,
+    **ends: bool,
 ) -> Callable[[Function], Function]:
     """Make an option with a number from `low` to `high`, an integer if these are; `ends` are Click's for open ones."""
     kind = (click.IntRange if isinstance(low, int) else FiniteRange)(low, high, **ends)  # type: ignore[arg-type]
-    return click.option(name, type=kind, default=default, show_default=True, metavar=metavar, help=text)
+    return click.option(
+        name, type=kind, default=default, show_default=True, metavar=metavar, help=text
+    )
 
 
 class Given(NamedTuple):
@@ -160,10 +186,14 @@ class InBag(NamedTuple):
 
 def together(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
     """Combine several options into one decorator; the help text lists them in this order."""
-    return lambda function: reduce(lambda decorated, option: option(decorated), reversed(options), function)
+    return lambda function: reduce(
+        lambda decorated, option: option(decorated), reversed(options), function
+    )
 
 
-def gathered(name: str, kind: Any, *options: Callable[[Function], Function]) -> Callable[[Function], Function]:
+def gathered(
+    name: str, kind: Any, *options: Callable[[Function], Function]
+) -> Callable[[Function], Function]:
     """Combine several options into one decorator; the command gets their values as one argument, a tuple of a `kind`.
 
     The names of the options are those of its fields.

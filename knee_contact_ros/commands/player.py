@@ -40,9 +40,12 @@ class Command(Enum):
 
 
 KEYS = {
-    b" ": Command.PAUSE, b"s": Command.STEP, b"\x1b[C": Command.STEP, b"\x1b[A": Command.FASTER,
+    b" ": Command.PAUSE,
+    b"s": Command.STEP,
+    b"\x1b[C": Command.STEP,
+    b"\x1b[A": Command.FASTER,
     b"\x1b[B": Command.SLOWER,
-}  # fmt: skip
+}
 HELP = "space: pause, s: step, up/down: rate"
 KEY = re.compile(rb"\x1b\[[A-Z]|.", re.DOTALL)
 LONGEST_LOOK = 0.2
@@ -130,7 +133,11 @@ def unwinding_on_signals() -> Iterator[None]:
     def end(number: int, _frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
 
-    ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) == signal.SIG_DFL]
+    ours = [
+        number
+        for number in (signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) == signal.SIG_DFL
+    ]
     for number in ours:
         signal.signal(number, end)
     try:
@@ -212,9 +219,14 @@ class Player:
             if last is None:
                 self._set(due)
                 self._tick = self._clock if self.clock_rate else math.inf
-            elif not -JITTER <= due - last <= LONGEST_PAUSE:  # a clock was set, or nothing came for long
+            elif (
+                not -JITTER <= due - last <= LONGEST_PAUSE
+            ):  # a clock was set, or nothing came for long
                 if due > last:
-                    say(f"the bag pauses for {(due - last) / NANOSECONDS:.6g} s, which is skipped", err=True)
+                    say(
+                        f"the bag pauses for {(due - last) / NANOSECONDS:.6g} s, which is skipped",
+                        err=True,
+                    )
                 self._set(due)
             last = due
             yield message, self._wait_for(due)
@@ -229,7 +241,11 @@ class Player:
 
     def _at(self, now: float) -> int:
         """Return the bag's time [ns] at `now` [s] of the clock."""
-        return self._bag if self.paused else self._bag + round((now - self._clock) * NANOSECONDS * self.rate)
+        return (
+            self._bag
+            if self.paused
+            else self._bag + round((now - self._clock) * NANOSECONDS * self.rate)
+        )
 
     def _wait_for(self, time_of_bag: int) -> float | None:
         """Wait until a message is due; return how late [s] it is then, None if a key has stepped to it."""
@@ -239,7 +255,11 @@ class Player:
                 self.tell_time(self._at(now))
                 period = 1.0 / self.clock_rate
                 self._tick = period + (self._tick if self._tick + period > now else now)
-            due = math.inf if self.paused else self._clock + (time_of_bag - self._bag) / NANOSECONDS / self.rate
+            due = (
+                math.inf
+                if self.paused
+                else self._clock + (time_of_bag - self._bag) / NANOSECONDS / self.rate
+            )
             if due <= now < self._look:
                 return now - due
             if not self._commands:

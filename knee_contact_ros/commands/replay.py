@@ -22,7 +22,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, Names, RawMessage, absolute
-from knee_contact_ros.commands.player import HELP, Keyboard, Lateness, Player, has_terminal, unwinding_on_signals
+from knee_contact_ros.commands.player import (
+    HELP,
+    Keyboard,
+    Lateness,
+    Player,
+    has_terminal,
+    unwinding_on_signals,
+)
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
@@ -63,19 +70,28 @@ class Replayer:
     """Publishers for the input topics of a bag."""
 
     def __init__(
-        self, node: Node, *, inputs: Sequence[str] = INPUTS, clock: bool = False, transforms: Sequence[bytes] = ()
+        self,
+        node: Node,
+        *,
+        inputs: Sequence[str] = INPUTS,
+        clock: bool = False,
+        transforms: Sequence[bytes] = (),
     ) -> None:
         """Make publishers of the topics `inputs`, and of /clock if `clock` is true; publish `transforms` at once."""
         types = {JOINT_STATES: JointState}
         self.publishers = {
-            f"/{topic}": node.create_publisher(types.get(topic, WrenchStamped), topic, QOS) for topic in inputs
+            f"/{topic}": node.create_publisher(types.get(topic, WrenchStamped), topic, QOS)
+            for topic in inputs
         }
         self._clock = node.create_publisher(Clock, "/clock", QOS) if clock else None
         if transforms:
             try:
                 from tf2_msgs.msg import TFMessage
             except ImportError:
-                say(f"the ROS 2 package tf2_msgs is not installed: {TF_STATIC} of the bag is left out", err=True)
+                say(
+                    f"the ROS 2 package tf2_msgs is not installed: {TF_STATIC} of the bag is left out",
+                    err=True,
+                )
             else:
                 publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
                 for data in transforms:
@@ -122,7 +138,11 @@ def has_inputs(bag: Path, namespace: str, inputs: Sequence[str]) -> bool:
 
 
 def run_replay(
-    bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequence[str] = INPUTS, namespace: str = ""
+    bag: Path,
+    timing: Timing,
+    names: Names = OWN_NAMES,
+    inputs: Sequence[str] = INPUTS,
+    namespace: str = "",
 ) -> None:
     """Publish a bag's inputs in time into a namespace, with a progress bar and keys; print how late they were.
 
@@ -131,12 +151,19 @@ def run_replay(
             ROS cannot be joined.
     """
     if timing.start_paused and not has_terminal():
-        raise UsageError("--start-paused needs a terminal at standard input: there is no key to end the pause")
+        raise UsageError(
+            "--start-paused needs a terminal at standard input: there is no key to end the pause"
+        )
     with ExitStack() as opened:
         opened.enter_context(unwinding_on_signals())
-        reader = opened.enter_context(BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names))
+        reader = opened.enter_context(
+            BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names)
+        )
         if reader.damage:
-            say(f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}", err=True)
+            say(
+                f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}",
+                err=True,
+            )
         span = span_of(reader, timing)
         with joining():
             rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
@@ -144,9 +171,14 @@ def run_replay(
             node = Node("knee_contact_replay", namespace=namespace.strip("/"))
             opened.callback(node.destroy_node)
         transforms = transform_messages(bag)
-        replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=transforms)
+        replayer = Replayer(
+            node, inputs=inputs, clock=timing.clock is not None, transforms=transforms
+        )
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
-            say(f"not every topic has a subscriber after {timing.wait:g} s; publishing anyway", err=True)
+            say(
+                f"not every topic has a subscriber after {timing.wait:g} s; publishing anyway",
+                err=True,
+            )
         time.sleep(timing.delay)
         play(reader, span, replayer, timing)
 
@@ -159,7 +191,9 @@ def span_of(reader: BagReader, timing: Timing) -> tuple[int, int]:
     """
     message = next(reader.raw_messages(), None)
     if message is None:
-        raise UsageError(f"bag {reader.path} has none of the {reader.count} messages that its metadata.yaml counts")
+        raise UsageError(
+            f"bag {reader.path} has none of the {reader.count} messages that its metadata.yaml counts"
+        )
     first = message.log_time
     start = first + round(timing.start_offset * NANOSECONDS)
     stop = reader.end if timing.duration is None else start + round(timing.duration * NANOSECONDS)
@@ -173,20 +207,30 @@ def span_of(reader: BagReader, timing: Timing) -> tuple[int, int]:
 
 def play(reader: BagReader, span: tuple[int, int], replayer: Replayer, timing: Timing) -> None:
     """Play the span once or in a loop; the report on lateness is printed even if a signal ends the replay."""
-    name, lateness, (start, stop), patience = reader.path.name, Lateness(), span, LAST_ACKNOWLEDGEMENTS
+    name, lateness, (start, stop), patience = (
+        reader.path.name,
+        Lateness(),
+        span,
+        LAST_ACKNOWLEDGEMENTS,
+    )
 
     def described(rate: float, paused: bool) -> str:
         keys = f" ({HELP})" if has_terminal() else ""
         return f"{'Paused' if paused else 'Replaying'} {name} at rate {rate:.3g}{keys}"
 
     player = Player(
-        rate=timing.rate, paused=timing.start_paused, tell_time=replayer.publish_clock, clock_rate=timing.clock or 0.0,
+        rate=timing.rate,
+        paused=timing.start_paused,
+        tell_time=replayer.publish_clock,
+        clock_rate=timing.clock or 0.0,
         changed=lambda rate, paused: bar.describe(described(rate, paused)),
-    )  # fmt: skip
+    )
     gc.collect()
     gc.freeze()  # or the garbage collector would take the interpreter for milliseconds
     with ExitStack() as opened:
-        opened.callback(lambda: click.echo(str(lateness)))  # when bar and keyboard have left the terminal
+        opened.callback(
+            lambda: click.echo(str(lateness))
+        )  # when bar and keyboard have left the terminal
         bar = opened.enter_context(progress(described(timing.rate, timing.start_paused)))
         player.wait = opened.enter_context(Keyboard(player.stood_still)).wait
         try:

@@ -55,7 +55,10 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
             ("ticks flagged", of + counts(each.flagged, each.ticks_flagged)),
             ("error estimate", of + errors),
             ("levels", of + _shares(each.levels)),
-            ("cost", f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick"),
+            (
+                "cost",
+                f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick",
+            ),
         ]
     show_pairs([*figures, *(("warning", shown(sentence)) for sentence in summary.sentences)])
     console.print()
@@ -81,7 +84,9 @@ def peak_table(summary: Summary) -> Table:
     begin = begin_of(summary.first_stamp)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
-    headings = ["load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"] + ["run"] * (summary.runs > 1)
+    headings = ["load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"] + [
+        "run"
+    ] * (summary.runs > 1)
     for heading in headings:
         table.add_column(escape(heading), justify="right", no_wrap=True)
 
@@ -90,7 +95,13 @@ def peak_table(summary: Summary) -> Table:
 
     def forces(load: float, force: float, depth: float) -> tuple[str, ...]:
         weight = summary.body_weight
-        return f"{load:.1f}", f"{load / weight:.2f}", f"{force:.1f}", f"{force / weight:.2f}", f"{depth * MM:.3f}"
+        return (
+            f"{load:.1f}",
+            f"{load / weight:.2f}",
+            f"{force:.1f}",
+            f"{force / weight:.2f}",
+            f"{depth * MM:.3f}",
+        )
 
     peaks = summary.load_peaks
     if len(peaks) > MOST_PEAKS:
@@ -102,7 +113,9 @@ def peak_table(summary: Summary) -> Table:
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
         name = f"peak {number}" + DOUBTFUL * bool(peak.status & Status.IMPLAUSIBLE)
         table.add_row(name, *values, *moment(peak))
-    load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
+    load, force, depth = (
+        summary.peaks[name] for name in ("load", "contact_force", "penetration_depth")
+    )
     largest = forces(load.load, force.contact_force, depth.penetration_depth)
     stamps, one_run = (load.stamp, force.stamp, depth.stamp), load.run == force.run == depth.run
     when = moment(depth) if one_run and max(stamps) - min(stamps) <= ONE_MOMENT else ("",)
@@ -118,37 +131,54 @@ def peak_table(summary: Summary) -> Table:
 def counts(counter: Mapping[str, int], total: int | None = None) -> str:
     """Return the total of a counter as text, with the count of each name in brackets; `total` where names overlap."""
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
-    return f"{sum(counter.values()) if total is None else total}" + (f" ({reasons})" if reasons else "")
+    return f"{sum(counter.values()) if total is None else total}" + (
+        f" ({reasons})" if reasons else ""
+    )
 
 
 def _shares(levels: Mapping[str, int]) -> str:
     """Return the share of each level in percent, as text."""
     whole = max(sum(levels.values()), 1)
-    return ", ".join(f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items()))
+    return ", ".join(
+        f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items())
+    )
 
 
 NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"
 
 
-def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
+def show_load(
+    summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str
+) -> None:
     """Print the peak of the joint reaction with its parts and standard deviation, its mean, and figures of the run."""
     peak, stamps, weight = summary.peak, summary.stamps, parameters.person.constants.weight
     parts = {
-        "largest joint reaction": peak.axial_force, "  without muscles": peak.resultant_force,
-        "  quadriceps": peak.quadriceps_force, "  hamstrings": peak.hamstrings_force,
-        "  gastrocnemius": peak.gastrocnemius_force, "standard deviation": peak.standard_deviation,
+        "largest joint reaction": peak.axial_force,
+        "  without muscles": peak.resultant_force,
+        "  quadriceps": peak.quadriceps_force,
+        "  hamstrings": peak.hamstrings_force,
+        "  gastrocnemius": peak.gastrocnemius_force,
+        "standard deviation": peak.standard_deviation,
         "mean joint reaction": float(summary.axial.mean()),
-    }  # fmt: skip
+    }
     cells = [(name, f"{force:.1f}", f"{force / weight:.2f}") for name, force in parts.items()]
     show_table(("", "[N]", "[BW]"), cells, right=["[N]", "[BW]"])
-    show_pairs([
-        ("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s"),
-        ("level", summary.level),
-        ("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED),
-        *((name, shown(value)) for name, value in rows.items()),
-        ("samples refused", counts(summary.refused)),
-        ("estimates flagged", counts(summary.flagged, int(np.count_nonzero(summary.estimates["status"])))),
-    ])  # fmt: skip
+    show_pairs(
+        [
+            ("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s"),
+            ("level", summary.level),
+            (
+                "constants",
+                "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED,
+            ),
+            *((name, shown(value)) for name, value in rows.items()),
+            ("samples refused", counts(summary.refused)),
+            (
+                "estimates flagged",
+                counts(summary.flagged, int(np.count_nonzero(summary.estimates["status"]))),
+            ),
+        ]
+    )
     say("")
     say(f"Bag: {output}")
 
@@ -160,7 +190,11 @@ MOST_FAULTS = 20
 def show_recovery(recovery: Recovery, output: str) -> None:
     """Print the recovered and the missing messages of each topic, the faults, and the output file."""
     rows = [
-        (f"{shown(topic)}\n  {shown(kind)}", str(count), "unknown" if missing is None else str(missing))
+        (
+            f"{shown(topic)}\n  {shown(kind)}",
+            str(count),
+            "unknown" if missing is None else str(missing),
+        )
         for topic, kind, count, missing in recovery.topics
     ]
     show_table(("topic, and its type", "messages", "missing"), rows, right=("messages", "missing"))
@@ -169,6 +203,8 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
     lines += [f"- {fault}" for fault in recovery.faults[:MOST_FAULTS]]
     if len(recovery.faults) > MOST_FAULTS:
-        lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")
+        lines.append(
+            f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata"
+        )
     for line in [*lines, f"Recovered: {output}"]:
         say(line)

@@ -23,14 +23,28 @@ from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import answering
-from knee_contact_ros.streams.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
+from knee_contact_ros.streams.topics import (
+    KNEE,
+    LATERAL,
+    MEDIAL,
+    compartment_name,
+    is_lateral,
+    knee_name,
+)
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import refuse_twice
 from knee_contact_ros.system.output_files import refuse_existing, refuse_input
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
 from knee_contact_ros.system.terminal import progress, say, warn
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
-from knee_contact_ros.view.output import RerunFile, address, connect_command, look, refuse_blind, viewer_command
+from knee_contact_ros.view.output import (
+    RerunFile,
+    address,
+    connect_command,
+    look,
+    refuse_blind,
+    viewer_command,
+)
 from knee_contact_ros.view.scene import Pictures, Scene
 
 SERVED = ("rerun+", "http://")
@@ -55,7 +69,14 @@ class RecordedKnee(NamedTuple):
 
 
 @interrupted_by_sigterm()
-def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite: bool, serve: bool, port: int) -> None:
+def run_view(
+    sources: Sequence[str],
+    given: Given,
+    save: Path | None,
+    overwrite: bool,
+    serve: bool,
+    port: int,
+) -> None:
     """Show recordings, gait bags, a Rerun file or scenes that nodes serve, in a window.
 
     Args:
@@ -74,7 +95,9 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
     parameters = load_parameters([*given.files(), given.values()])
     addresses = [source for source in sources if source.startswith(SERVED)]
     if addresses and (len(addresses) < len(sources) or save or serve):
-        raise UsageError(f"{addresses[0]}: a served scene can only be viewed, and not together with files")
+        raise UsageError(
+            f"{addresses[0]}: a served scene can only be viewed, and not together with files"
+        )
     _refuse_in_vain(save, overwrite, (port, port + 1) if serve else ())
     if addresses:
         look(connect_command(addresses))
@@ -82,7 +105,9 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
     if sources[0].endswith(".rrd"):
         drawn = Path(sources[0])
         if len(sources) > 1 or save:
-            raise UsageError(f"{drawn} is a Rerun file: it can only be viewed or served, and only alone")
+            raise UsageError(
+                f"{drawn} is a Rerun file: it can only be viewed or served, and only alone"
+            )
         if not drawn.is_file():
             raise UsageError(f"no Rerun file at {drawn}")
         _present(drawn, port if serve else None)
@@ -92,7 +117,9 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
         refuse_twice(list(map(Path, sources)))
         for source in sources:
             refuse_input(path, files_of(Path(source)))
-        recordings, missing = _with_answers([Path(source) for source in sources], parameters, Path(folder))
+        recordings, missing = _with_answers(
+            [Path(source) for source in sources], parameters, Path(folder)
+        )
         _draw([*recorded_knees(recordings, parameters)], path, overwrite)
         if save:
             say(f"Rerun file   {save}")
@@ -118,7 +145,9 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
         refuse_blind(ALTERNATIVES)
 
 
-def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> Iterator[RecordedKnee]:
+def recorded_knees(
+    recordings: Mapping[Path, str], parameters: Parameters
+) -> Iterator[RecordedKnee]:
     """Yield all knees in several recordings, each with a name of its own.
 
     The values of `recordings` are names, used where topics do not name the knee; `parameters` are those of recordings
@@ -128,7 +157,10 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> It
         UsageError: a recording cannot be used.
     """
     answered = {path: answer_topics(path) for path in recordings}
-    alone = len({(path, knee_name(topic)) for path, topics in answered.items() for topic in topics}) == 1
+    alone = (
+        len({(path, knee_name(topic)) for path, topics in answered.items() for topic in topics})
+        == 1
+    )
     names = []
     for path, topics in answered.items():
         for topic in topics:
@@ -136,7 +168,9 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> It
             name = name.replace("/", "_") if name != KNEE or alone else recordings[path]
             if is_lateral(topic) or f"{topic}/{LATERAL}" in topics:
                 name = compartment_name(name, LATERAL if is_lateral(topic) else MEDIAL)
-            names.append("".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME])
+            names.append(
+                "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
+            )
     distinct = iter(_distinct(names))
     for path, topics in answered.items():
         yield from _knees(path, topics, [next(distinct) for _ in topics], parameters)
@@ -144,17 +178,25 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> It
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """Make names distinct: those that occur several times get a number."""
-    return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
+    return [
+        f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name
+        for i, name in enumerate(names)
+    ]
 
 
-def _knees(path: Path, topics: Sequence[str], names: Sequence[str], parameters: Parameters) -> Iterator[RecordedKnee]:
+def _knees(
+    path: Path, topics: Sequence[str], names: Sequence[str], parameters: Parameters
+) -> Iterator[RecordedKnee]:
     """Build the knees of a recording from the parameters in it, or from `parameters` if it holds none."""
     provenance = read_provenance(path)
     if provenance is None:
         say(f"{path} does not hold its parameters: drawn with those of --params", err=True)
     parameters = provenance.parameters if provenance else parameters
     texts = provenance.texts() if provenance else curve_texts(parameters, {})
-    models = [build_model(own, curves=curves) for own, curves in (answering(one, parameters, texts) for one in topics)]
+    models = [
+        build_model(own, curves=curves)
+        for own, curves in (answering(one, parameters, texts) for one in topics)
+    ]
     drawings = drawings_of(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
         yield RecordedKnee(path, topic, model, drawing, provenance.changes if provenance else ())
@@ -162,7 +204,7 @@ def _knees(path: Path, topics: Sequence[str], names: Sequence[str], parameters: 
 
 def _with_answers(
     paths: Sequence[Path], parameters: Parameters, work: Path
-) -> tuple[dict[Path, str], list[str]]:  # fmt: skip
+) -> tuple[dict[Path, str], list[str]]:
     """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`.
 
     Also return sentences on what is missing in these bags, and warn of what is implausible.
@@ -186,11 +228,16 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
     file = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
     try:
         for knee in knees:
-            scene = Scene(file.recording, knee.drawing, among=[each.drawing.knee for each in knees])
+            scene = Scene(
+                file.recording, knee.drawing, among=[each.drawing.knee for each in knees]
+            )
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, answers in _answers_of(knee, advance):
                     for change in changes:
-                        told = {name: json.dumps(value) for name, value in (change.values or {}).items()}
+                        told = {
+                            name: json.dumps(value)
+                            for name, value in (change.values or {}).items()
+                        }
                         scene.note(RESET if change.values is None else PARAMETERS_CHANGED, told)
                     scene.show(answers)
             scene.finish()
@@ -200,7 +247,9 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
         raise
 
 
-def _answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iterator[tuple[Sequence[Change], Rows]]:
+def _answers_of(
+    knee: RecordedKnee, advance: Callable[[int, int], None]
+) -> Iterator[tuple[Sequence[Change], Rows]]:
     """Yield blocks of answers, each with the changes of the node right before it; for `advance` see `answer_blocks`.
 
     Answers that are drawn get femoral x and normal, which messages do not hold.
@@ -211,10 +260,19 @@ def _answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iter
             angle, height = float(block["flexion_angle"][i]), float(block["femoral_height"][i])
             x, _ = knee.model.pair.mechanism.translation(angle)
             closest = knee.model.closest(angle, height)
-            block["femoral_x"][i], block["normal_x"][i], block["normal_y"][i] = x, closest.normal_x, closest.normal_y
+            block["femoral_x"][i], block["normal_x"][i], block["normal_y"][i] = (
+                x,
+                closest.normal_x,
+                closest.normal_y,
+            )
         places = [change.tick - done for change in knee.changes]
-        for begin, end in pairwise(sorted({0, len(block), *(place for place in places if 0 < place < len(block))})):
-            yield [one for one, place in zip(knee.changes, places, strict=True) if place == begin], block[begin:end]
+        for begin, end in pairwise(
+            sorted({0, len(block), *(place for place in places if 0 < place < len(block))})
+        ):
+            yield (
+                [one for one, place in zip(knee.changes, places, strict=True) if place == begin],
+                block[begin:end],
+            )
         done += len(block)
 
 

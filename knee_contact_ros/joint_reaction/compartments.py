@@ -78,7 +78,9 @@ class MeasuredShare:
         Both give the same bits.
         """
         if isinstance(axial, np.ndarray):
-            return np.array([self.share(*each) for each in zip(axial.tolist(), flexion.tolist(), strict=True)])
+            return np.array(
+                [self.share(*each) for each in zip(axial.tolist(), flexion.tolist(), strict=True)]
+            )
         flexions, loads, cells = self._places
         angle = min(max(flexion, flexions[0]), flexions[-1])
         load = min(max(axial / self._body_weight, loads[0]), loads[-1])
@@ -94,15 +96,25 @@ class MeasuredShare:
         """Whether load or flexion lie beyond the table, so that its edge is used: numbers, or arrays of one shape."""
         flexions, loads, _ = self._places
         load = axial / self._body_weight
-        return (flexion < flexions[0]) | (flexion > flexions[-1]) | (load < loads[0]) | (load > loads[-1])
+        return (
+            (flexion < flexions[0])
+            | (flexion > flexions[-1])
+            | (load < loads[0])
+            | (load > loads[-1])
+        )
 
 
 def _cells(table: ShareTable) -> NDArray[np.float64]:
     """Share at the lower corner of every cell and its slopes along flexion, load and both, shape (m-1, n-1, 4)."""
     wide, high = np.diff(table.flexion)[:, None], np.diff(table.load)[None, :]
     corner = table.share[:-1, :-1]
-    by_angle, by_load = (table.share[1:, :-1] - corner) / wide, (table.share[:-1, 1:] - corner) / high
-    both = (table.share[1:, 1:] - table.share[1:, :-1] - table.share[:-1, 1:] + corner) / (wide * high)
+    by_angle, by_load = (
+        (table.share[1:, :-1] - corner) / wide,
+        (table.share[:-1, 1:] - corner) / high,
+    )
+    both = (table.share[1:, 1:] - table.share[1:, :-1] - table.share[:-1, 1:] + corner) / (
+        wide * high
+    )
     return np.stack((corner, by_angle, by_load, both), axis=-1)
 
 

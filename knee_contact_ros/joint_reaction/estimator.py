@@ -160,7 +160,9 @@ class Estimate(NamedTuple):
 
 
 CODES = {"float": "d", "int": "B", "bool": "?"}
-PACKING = struct.Struct("<" + "".join(CODES[kind.__name__] for kind in get_type_hints(Estimate).values()))
+PACKING = struct.Struct(
+    "<" + "".join(CODES[kind.__name__] for kind in get_type_hints(Estimate).values())
+)
 """Layout of an estimate in CDR, where it begins at a multiple of 8 B"""
 
 
@@ -192,7 +194,9 @@ class Movement:
         A foot that bears nothing for longer than in walking counts too: sitting, cycling, or a sensor that is off.
         """
         force = vertical / self._weight
-        if self._last is None or not 0 <= stamp - self._last <= TOO_LONG / NANOSECOND:  # after a pause as at first
+        if (
+            self._last is None or not 0 <= stamp - self._last <= TOO_LONG / NANOSECOND
+        ):  # after a pause as at first
             self._other_until, self._bore = None, stamp
         self._last = stamp
         if force > UNLOADED:
@@ -211,7 +215,9 @@ TIME_RESET, INPUT_HELD, IMPLAUSIBLE, DOUBTFUL_LOAD = 2, 4, 32, 64
 class Estimator:
     """Estimates the joint reaction of one knee from its samples in order."""
 
-    def __init__(self, level: str, person: Person, calibrated: bool = False, deviation: float = 0.0) -> None:
+    def __init__(
+        self, level: str, person: Person, calibrated: bool = False, deviation: float = 0.0
+    ) -> None:
         """Make an estimator; see `configure`."""
         self._lag = Lag()
         self.configure(level, person, calibrated, deviation)
@@ -231,25 +237,41 @@ class Estimator:
         self._deviation = Deviation(deviation, 0.0) if deviation else measured
         self._movement = Movement(person.weight)
 
-    def at(self, stamp: int, joints: Joints, motion: Motion, ground: Ground, status: int = 0) -> Estimate:
+    def at(
+        self, stamp: int, joints: Joints, motion: Motion, ground: Ground, status: int = 0
+    ) -> Estimate:
         """Estimate the joint reaction at a stamp [ns]; `status` has the bits that are known already."""
         net = self._level.dynamics(self._leg, joints, motion, ground)
         reaction, status = self.react(stamp, joints, ground, net, status)
-        if not status & IMPLAUSIBLE and self._movement.is_other(stamp, joints.flexion, ground.force[1]):
+        if not status & IMPLAUSIBLE and self._movement.is_other(
+            stamp, joints.flexion, ground.force[1]
+        ):
             status |= DOUBTFUL_LOAD
         muscles, weight = reaction.muscles, self._person.weight
         return Estimate(
-            joints.flexion, reaction.axial, self._deviation.at(reaction.axial, weight), net.compression,
-            muscles.quadriceps, muscles.hamstrings, muscles.gastrocnemius,
-            reaction.extension, reaction.plantarflexion, net.frontal, joints.knee_assistance,
-            self._level.level, self._calibrated, status,
-        )  # fmt: skip
+            joints.flexion,
+            reaction.axial,
+            self._deviation.at(reaction.axial, weight),
+            net.compression,
+            muscles.quadriceps,
+            muscles.hamstrings,
+            muscles.gastrocnemius,
+            reaction.extension,
+            reaction.plantarflexion,
+            net.frontal,
+            joints.knee_assistance,
+            self._level.level,
+            self._calibrated,
+            status,
+        )
 
     def forget(self) -> None:
         """Forget the present muscle forces."""
         self._lag.forget()
 
-    def react(self, stamp: int, joints: Joints, ground: Ground, net: NetMoments, status: int) -> tuple[Reaction, int]:
+    def react(
+        self, stamp: int, joints: Joints, ground: Ground, net: NetMoments, status: int
+    ) -> tuple[Reaction, int]:
         """Compute the joint reaction at a stamp [ns] from net moments, and the status with `IMPLAUSIBLE`.
 
         For an implausible sample the muscles act without delay. Neither it nor a held sample changes their forces
@@ -261,5 +283,7 @@ class Estimator:
             self.forget()
         if is_implausible(joints, ground, reaction.axial, person.weight):
             return reaction, status | IMPLAUSIBLE
-        muscles = self._lag.at(stamp, reaction.muscles, person.electromechanical_delay, not status & INPUT_HELD)
+        muscles = self._lag.at(
+            stamp, reaction.muscles, person.electromechanical_delay, not status & INPUT_HELD
+        )
         return reaction._replace(axial=net.compression + muscles.total, muscles=muscles), status

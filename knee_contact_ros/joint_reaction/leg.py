@@ -108,11 +108,18 @@ def leg_of(mass: float, height: float) -> Leg:
     shank, shank_mass, foot_mass = SHANK_LENGTH * height, SHANK_MASS * mass, FOOT_MASS * mass
     forward, below = 0.5 * FOOT_LENGTH * height, ANKLE_HEIGHT * height
     return Leg(
-        mass * GRAVITY, THIGH_LENGTH * height, shank, KNEE_OFFSET * height,
-        shank_mass, SHANK_CENTRE * shank, shank_mass * (SHANK_GYRATION * shank) ** 2,
-        foot_mass, FOOT_CENTRE * forward, FOOT_CENTRE * below,
+        mass * GRAVITY,
+        THIGH_LENGTH * height,
+        shank,
+        KNEE_OFFSET * height,
+        shank_mass,
+        SHANK_CENTRE * shank,
+        shank_mass * (SHANK_GYRATION * shank) ** 2,
+        foot_mass,
+        FOOT_CENTRE * forward,
+        FOOT_CENTRE * below,
         foot_mass * (FOOT_GYRATION * math.hypot(forward, below)) ** 2,
-    )  # fmt: skip
+    )
 
 
 NANOSECOND = 1e-9
@@ -181,7 +188,10 @@ class MotionFilter:
         elif self._end == len(self._stamps):  # what is kept moves to the front
             kept = slice(self._begin, self._end)
             self._begin, self._end = 0, self._end - self._begin
-            self._stamps[: self._end], self._angles[: self._end] = self._stamps[kept], self._angles[kept]
+            self._stamps[: self._end], self._angles[: self._end] = (
+                self._stamps[kept],
+                self._angles[kept],
+            )
         self._stamps[self._end], self._angles[self._end], self._last = stamp, joints[:3], stamp
         self._end += 1
         while stamp - self._stamps[self._begin] > self._window:
@@ -200,9 +210,13 @@ class MotionFilter:
         angles = self._angles[self._begin : self._end]
         slopes, curvatures = time @ angles / spread, square @ angles / (square @ square)
         window, motion = self._window * NANOSECOND, []
-        for slope, curvature in zip((slopes - tilt * curvatures).tolist(), curvatures.tolist(), strict=True):
+        for slope, curvature in zip(
+            (slopes - tilt * curvatures).tolist(), curvatures.tolist(), strict=True
+        ):
             known = math.isfinite(slope)
-            motion.append(Turning(slope / window, 2.0 * curvature / (window * window)) if known else STANDING)
+            motion.append(
+                Turning(slope / window, 2.0 * curvature / (window * window)) if known else STANDING
+            )
         return Motion(*motion)
 
 
@@ -258,15 +272,21 @@ def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> Net
         ground: Force and torque of the ground on the foot; the torque must be measured.
     """
     shank = inclination(joints)
-    hip_angle, (bent, hip, turned) = (joints.hip, motion) if math.isfinite(joints.hip) else (0.0, STILL)
-    foot, turned = (shank + joints.ankle, turned) if math.isfinite(joints.ankle) else (shank, STANDING)
+    hip_angle, (bent, hip, turned) = (
+        (joints.hip, motion) if math.isfinite(joints.hip) else (0.0, STILL)
+    )
+    foot, turned = (
+        (shank + joints.ankle, turned) if math.isfinite(joints.ankle) else (shank, STANDING)
+    )
     of_shank = Turning(hip.rate - bent.rate, hip.acceleration - bent.acceleration)
     of_foot = Turning(of_shank.rate + turned.rate, of_shank.acceleration + turned.acceleration)
 
     down = complex(math.sin(shank), -math.cos(shank))
     to_knee = complex(math.sin(hip_angle), -math.cos(hip_angle)) * leg.thigh_length
     to_ankle, to_shank_centre = down * leg.shank_length, down * leg.shank_centre
-    to_foot_centre = complex(math.cos(foot), math.sin(foot)) * complex(leg.foot_forward, -leg.foot_below)
+    to_foot_centre = complex(math.cos(foot), math.sin(foot)) * complex(
+        leg.foot_forward, -leg.foot_below
+    )
     knee = swung(to_knee, hip) + UPWARDS
     ankle = knee + swung(to_ankle, of_shank)
     holds_shank = (knee + swung(to_shank_centre, of_shank)) * leg.shank_mass
@@ -275,11 +295,15 @@ def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> Net
     force_x, force_y, force_z = ground.force
     about_x, about_y, about_z = ground.torque
     on_foot = holds_foot - complex(force_x, force_y)
-    dorsiflexion = leg.foot_inertia * of_foot.acceleration + cross(to_foot_centre, holds_foot) - about_z
+    dorsiflexion = (
+        leg.foot_inertia * of_foot.acceleration + cross(to_foot_centre, holds_foot) - about_z
+    )
     extension = dorsiflexion + leg.shank_inertia * of_shank.acceleration
     extension += cross(to_shank_centre, holds_shank) + cross(to_ankle, on_foot)
     on_shank = on_foot + holds_shank
     compression = on_shank.real * down.real + on_shank.imag * down.imag
     about_x = -about_x - to_ankle.imag * force_z - leg.knee_offset * force_y
     about_y = -about_y + to_ankle.real * force_z + leg.knee_offset * force_x
-    return NetMoments(extension, -dorsiflexion, compression, about_x * -down.imag + about_y * down.real)
+    return NetMoments(
+        extension, -dorsiflexion, compression, about_x * -down.imag + about_y * down.real
+    )

@@ -39,7 +39,11 @@ sum over gastrocnemius, soleus and tibialis posterior (2500, 4000 and 3600 N at 
 
 def arm(coefficients: tuple[float, ...], angle: float) -> float:
     """Return a muscle's moment arm [m] at the knee at a flexion [rad]; for `ACHILLES` at a dorsiflexion [rad]."""
-    least, most = (LEAST_DORSIFLEXION, MOST_DORSIFLEXION) if coefficients is ACHILLES else (LEAST_FLEXION, MOST_FLEXION)
+    least, most = (
+        (LEAST_DORSIFLEXION, MOST_DORSIFLEXION)
+        if coefficients is ACHILLES
+        else (LEAST_FLEXION, MOST_FLEXION)
+    )
     within, value = min(max(angle, least), most), 0.0
     for coefficient in reversed(coefficients):
         value = value * within + coefficient
@@ -60,7 +64,9 @@ class Muscles(NamedTuple):
         return self.quadriceps + self.hamstrings + self.gastrocnemius
 
 
-def muscles_of(extension_moment: float, flexion: float, gastrocnemius: float, floor: float, scale: float) -> Muscles:
+def muscles_of(
+    extension_moment: float, flexion: float, gastrocnemius: float, floor: float, scale: float
+) -> Muscles:
     """Compute the forces of the muscles that balance a moment at the knee.
 
     Args:
@@ -70,7 +76,9 @@ def muscles_of(extension_moment: float, flexion: float, gastrocnemius: float, fl
         floor: Smallest force [N] of extensors and flexors together.
         scale: Ratio of the person's moment arms to the published ones.
     """
-    extensor, flexor, calf = (scale * arm(muscle, flexion) for muscle in (QUADRICEPS, HAMSTRINGS, GASTROCNEMIUS))
+    extensor, flexor, calf = (
+        scale * arm(muscle, flexion) for muscle in (QUADRICEPS, HAMSTRINGS, GASTROCNEMIUS)
+    )
     moment, half = extension_moment + calf * gastrocnemius, 0.5 * floor
     hamstrings = max(half - gastrocnemius, 0.0)
     quadriceps = (moment + flexor * hamstrings) / extensor
@@ -130,10 +138,12 @@ class Lag:
         if self._last and stamp > self._last[0] and time_constant > 0.0:
             since = (stamp - self._last[0]) * NANOSECOND / time_constant
             left, ramp = math.exp(-since), -math.expm1(-since) / since
-            forces = Muscles(*[
-                new - (new - old) * ramp + (force - old) * left
-                for new, old, force in zip(needed, *self._last[1:], strict=True)
-            ])  # fmt: skip
+            forces = Muscles(
+                *[
+                    new - (new - old) * ramp + (force - old) * left
+                    for new, old, force in zip(needed, *self._last[1:], strict=True)
+                ]
+            )
         if sure:
             self._last = stamp, needed, forces
         return forces
@@ -160,7 +170,10 @@ def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float
         net: Net moments at knee and ankle.
         vertical: Vertical ground force [N].
     """
-    extension, plantarflexion = net.extension - joints.knee_assistance, net.plantarflexion - joints.ankle_assistance
+    extension, plantarflexion = (
+        net.extension - joints.knee_assistance,
+        net.plantarflexion - joints.ankle_assistance,
+    )
     scale, calf = person.moment_arm_scale, 0.0
     if math.isfinite(plantarflexion):
         achilles = scale * arm(ACHILLES, joints.ankle if math.isfinite(joints.ankle) else 0.0)

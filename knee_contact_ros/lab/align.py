@@ -77,7 +77,9 @@ class Alignment(NamedTuple):
     """Correlation and RMS difference [rad] with offset and lag removed"""
 
 
-def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag: float, overwrite: bool) -> None:
+def align(
+    files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag: float, overwrite: bool
+) -> None:
     """Align the map's angle with its reference, write the parameter file `output`, and print the estimates.
 
     Lags from -`longest_lag` to `longest_lag` [s] are tried.
@@ -91,7 +93,9 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
         refuse_existing(output)
     sensors = read_map(maps)
     if sensors.reference is None:
-        raise UsageError(f"map {maps[-1]}: reference: is missing: the angle that `angle` is compared with")
+        raise UsageError(
+            f"map {maps[-1]}: reference: is missing: the angle that `angle` is compared with"
+        )
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
     checks.refuse(checks.impossible(sensor) + checks.impossible(reference))
     alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)
@@ -99,12 +103,17 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
     write_complete({output: text.encode()})
     show(alignment, output)
     gain, (least, most) = alignment.gain.value, alignment.gain.bounds
-    if abs(gain - 1.0) > GAIN_OFF and not least <= 1.0 <= most:  # which offset and delay cannot correct
-        warn([
-            f"the sensor moves {gain:.3f} times as far as the reference, {least:.3f} to {most:.3f}, and "
-            f"{math.degrees(alignment.after[1]):.1f} deg RMS are left; angle.scale {sensors.angle.scale / gain:.4g} in "
-            "the map would make up for it (then align again)"
-        ])  # fmt: skip
+    if (
+        abs(gain - 1.0) > GAIN_OFF and not least <= 1.0 <= most
+    ):  # which offset and delay cannot correct
+        warn(
+            [
+                f"the sensor moves {gain:.3f} times as far as the reference, {least:.3f} to {most:.3f}, and "
+                f"{math.degrees(alignment.after[1]):.1f} deg RMS are left; angle.scale "
+                f"{sensors.angle.scale / gain:.4g} in "
+                "the map would make up for it (then align again)"
+            ]
+        )
 
 
 class Pair:
@@ -112,7 +121,9 @@ class Pair:
 
     def __init__(self, sensor: Series, reference: Series, max_gap: float) -> None:
         """Both must share a clock; `rows` skips rows in gaps of the reference longer than `max_gap` [s]."""
-        self.times, self._known = ((each.stamps - reference.stamps[0]) / NANOSECONDS for each in (sensor, reference))
+        self.times, self._known = (
+            (each.stamps - reference.stamps[0]) / NANOSECONDS for each in (sensor, reference)
+        )
         self.values, self._curve = sensor.values, CubicSpline(self._known, reference.values)
         self._wide = np.diff(self._known) > max_gap
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
@@ -125,12 +136,16 @@ class Pair:
             UsageError: there are fewer than `ENOUGH`.
         """
         there = (self.times - most >= self._known[0]) & (self.times - least <= self._known[-1])
-        for begin, end in zip(self._known[:-1][self._wide], self._known[1:][self._wide], strict=True):
+        for begin, end in zip(
+            self._known[:-1][self._wide], self._known[1:][self._wide], strict=True
+        ):
             there &= (self.times - least <= begin) | (self.times - most >= end)
         rows = np.flatnonzero(there)
         if len(rows) < ENOUGH:
             lags = f"with lags from {least:.3g} to {most:.3g} s"
-            raise UsageError(f"angle and reference have {len(rows)} rows in common ({lags}), and {ENOUGH} are needed")
+            raise UsageError(
+                f"angle and reference have {len(rows)} rows in common ({lags}), and {ENOUGH} are needed"
+            )
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
     def moved(self, rows: Rows, lag: float) -> Floats:
@@ -142,16 +157,25 @@ class Pair:
         sensor, moved = self.values[rows] + offset, self.moved(rows, lag)
         one, other = sensor - sensor.mean(), moved - moved.mean()
         scale = math.sqrt(float(one @ one) * float(other @ other))
-        return float(one @ other) / scale if scale > 0.0 else 0.0, float(np.sqrt(np.mean((sensor - moved) ** 2)))
+        return float(one @ other) / scale if scale > 0.0 else 0.0, float(
+            np.sqrt(np.mean((sensor - moved) ** 2))
+        )
 
     def best(self, rows: Rows, within: tuple[float, float]) -> tuple[float, float, float]:
         """Offset [rad], lag [s] and gain of rows of the sensor, at the lag `within` which both correlate best."""
         found = minimize_scalar(
-            lambda lag: -self.fit(rows, lag)[0], bounds=within, method="bounded", options={"xatol": 1e-6}
+            lambda lag: -self.fit(rows, lag)[0],
+            bounds=within,
+            method="bounded",
+            options={"xatol": 1e-6},
         )
         sensor, moved = self.values[rows], self.moved(rows, float(found.x))
         around = moved - moved.mean()
-        return float(np.mean(moved - sensor)), float(found.x), float(around @ sensor) / float(around @ around)
+        return (
+            float(np.mean(moved - sensor)),
+            float(found.x),
+            float(around @ sensor) / float(around @ around),
+        )
 
 
 def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -> Alignment:
@@ -171,16 +195,26 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
             why = f"but in opposite directions with {against:.2f}: is a sign turned?"
         raise UsageError(f"{both} correlate with r = {correlations[at]:.2f} at best; {why}")
     if at in (0, len(lags) - 1):
-        raise UsageError(f"{both} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag")
+        raise UsageError(
+            f"{both} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag"
+        )
     within = float(lags[at - 1]) - 4.0 * pair.step, float(lags[at + 1]) + 4.0 * pair.step
     rows = pair.rows(*within)  # more of them than with the longest lags
-    stretches = int(np.clip(round((pair.times[rows[-1]] - pair.times[rows[0]]) / STRETCH), FEWEST, MOST))
+    stretches = int(
+        np.clip(round((pair.times[rows[-1]] - pair.times[rows[0]]) / STRETCH), FEWEST, MOST)
+    )
     whole = pair.best(rows, within)
     number = np.arange(len(rows)) * stretches // len(rows)
-    without = np.array([pair.best(rows[number != stretch], within) for stretch in range(stretches)])
-    error = np.sqrt((stretches - 1) / stretches * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    without = np.array(
+        [pair.best(rows[number != stretch], within) for stretch in range(stretches)]
+    )
+    error = np.sqrt(
+        (stretches - 1) / stretches * ((without - without.mean(axis=0)) ** 2).sum(axis=0)
+    )
     half = float(student.ppf(0.975, stretches - 1)) * error
-    offset, lag, gain = (Estimate(value, float(each)) for value, each in zip(whole, half, strict=True))
+    offset, lag, gain = (
+        Estimate(value, float(each)) for value, each in zip(whole, half, strict=True)
+    )
     if not 1.0 / MOST_GAIN <= gain.value <= MOST_GAIN:
         raise UsageError(
             f"{sensor.where} moves {gain.value:.3g} times as far as {reference.where}: are both units right?"
@@ -199,7 +233,12 @@ def overlay(alignment: Alignment, sensor: str, reference: str, angle: AngleChann
         f"offset {degrees} deg, lag {milliseconds} ms (95 %); r {alignment.after[0]:.4f}.",
         *_for_node(angle, offset.value),
     ]
-    values = ("knee:", f"  flexion_offset: {offset.value:.6f}", "pairing:", f"  angle_delay: {lag.value:.6f}")
+    values = (
+        "knee:",
+        f"  flexion_offset: {offset.value:.6f}",
+        "pairing:",
+        f"  angle_delay: {lag.value:.6f}",
+    )
     return parameter_text(Parameters, comments, values)
 
 
@@ -208,11 +247,15 @@ def _for_node(angle: AngleChannel, offset: float) -> list[str]:
     factors = [angle.turned * angle.scale * weight for weight in angle.weights.values()]
     offset += angle.offset * tables.factor(angle.unit, tables.ANGLE, "map: angle")
     if [*map(abs, factors)] != [1.0]:
-        return ["The map scales the angle: do not use this file for a live node, which has the raw sensor."]
+        return [
+            "The map scales the angle: do not use this file for a live node, which has the raw sensor."
+        ]
     if factors == [1.0] and not angle.offset:
         return []
     live = f"knee.flexion_sign: {factors[0]:.1f}, knee.flexion_offset: {offset:.6f}"
-    return [f"For a live node, which has the raw sensor without the map's sign and offset: {live}."]
+    return [
+        f"For a live node, which has the raw sensor without the map's sign and offset: {live}."
+    ]
 
 
 def show(alignment: Alignment, output: Path) -> None:
@@ -223,7 +266,9 @@ def show(alignment: Alignment, output: Path) -> None:
         ("lag [ms]", alignment.lag, 1e3, 1, "pairing.angle_delay [s]"),
         ("gain", alignment.gain, 1.0, 3, "none; angle.scale in the map"),
     ):
-        value, low, high = (f"{factor * each:.{digits}f}" for each in (estimate.value, *estimate.bounds))
+        value, low, high = (
+            f"{factor * each:.{digits}f}" for each in (estimate.value, *estimate.bounds)
+        )
         rows.append((shown(name), value, f"{low} to {high}", shown(parameter)))
     show_table(("", "value", "95 % interval", "parameter"), rows, right=["value"])
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():

@@ -12,7 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LARGEST_PULL, LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
+from knee_contact_ros.joint_reaction.estimator import (
+    LARGEST_PULL,
+    LEAST_PEAK,
+    LIGHTEST,
+    MOST_PEAK,
+    STIFF,
+    weight_doubt,
+)
 from knee_contact_ros.lab.tables import (
     BODY_WEIGHT,
     FORCE,
@@ -72,17 +79,26 @@ def unit_of(table: Table, column: str, requested: str) -> str:
     if requested != "auto":
         return requested
     values = table.column(column)
-    reach, span = float(np.abs(values).max()), f"{column} goes from {values.min():.3g} to {values.max():.3g}"
+    reach, span = (
+        float(np.abs(values).max()),
+        f"{column} goes from {values.min():.3g} to {values.max():.3g}",
+    )
     likely = "deg" if reach > LARGEST_RADIANS else "rad"
     if table.degrees is None and likely == "rad":
-        raise UsageError(f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad")
+        raise UsageError(
+            f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad"
+        )
     if table.degrees not in (None, likely == "deg"):
         says, like = ("yes", "rad") if table.degrees else ("no", "degrees")
-        raise UsageError(f"{table.path} says inDegrees={says}, but {span}, like {like}; give --angle-unit deg or rad")
+        raise UsageError(
+            f"{table.path} says inDegrees={says}, but {span}, like {like}; give --angle-unit deg or rad"
+        )
     return likely
 
 
-def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None) -> int:
+def sign_of(
+    angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None
+) -> int:
     """Sign that makes an angle [rad] positive in flexion, 1 or -1.
 
     A requested sign wins. Otherwise it follows from the data, as a walking knee flexes far more than it extends, and
@@ -113,7 +129,9 @@ def _clear_sign(low: float, high: float) -> int:
     return -1 if -low >= CLEAR and -low >= TIMES_MORE * high else 0
 
 
-def outside(where: object, what: str, value: float, unit: str, limits: Range, cure: str) -> list[str]:
+def outside(
+    where: object, what: str, value: float, unit: str, limits: Range, cure: str
+) -> list[str]:
     """Write that a value is outside its limits: file and column, quantity, value, what is plausible, and a cure."""
     if limits[0] <= value <= limits[1]:
         return []
@@ -121,7 +139,9 @@ def outside(where: object, what: str, value: float, unit: str, limits: Range, cu
     plausible = f"{low} or more" if limits[1] == math.inf else f"{high} or less"
     if np.isfinite(limits).all():
         plausible = f"{low} to {high}"
-    return [f"{where}: {what} is {value:.5g}{unit and ' '}{unit}, plausible is {plausible}: {cure}"]
+    return [
+        f"{where}: {what} is {value:.5g}{unit and ' '}{unit}, plausible is {plausible}: {cure}"
+    ]
 
 
 def refuse(sentences: list[str], anyway: bool | None = None) -> None:
@@ -153,14 +173,27 @@ def check_near(arm: Floats, up: Floats, where: str) -> None:
     standing = arm[up >= STANDS]
     away = float(np.median(np.hypot(standing[:, 0], standing[:, 2]))) if len(standing) else 0.0
     cure = "is it the other foot's, not in m, or in other axes than the model's?"
-    refuse(outside(where, "the median distance to the ankle of a standing foot", away, "m", (0.0, NEAR), cure))
+    refuse(
+        outside(
+            where,
+            "the median distance to the ankle of a standing foot",
+            away,
+            "m",
+            (0.0, NEAR),
+            cure,
+        )
+    )
 
 
 def check_heading(forward: Floats, path: Path) -> None:
     """Refuse a person who does not face towards x; `forward` is the direction of the pelvis, shape (n, 3)."""
     cure = "turn markers and ground reactions about y, so that the person walks towards x"
     ahead = float(forward[:, 0].mean())
-    refuse(outside(path, "the mean x component of the pelvis's direction", ahead, "", (AHEAD, 1.0), cure))
+    refuse(
+        outside(
+            path, "the mean x component of the pelvis's direction", ahead, "", (AHEAD, 1.0), cure
+        )
+    )
 
 
 def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True) -> list[str]:
@@ -168,7 +201,9 @@ def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
     direction = "positive as the map's load.direction says" if mapped else "and not on the femur"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
-    sentences = outside(angle.where, "the range of motion", high - low, "deg", (0.0, math.degrees(WIDEST)), cure)
+    sentences = outside(
+        angle.where, "the range of motion", high - low, "deg", (0.0, math.degrees(WIDEST)), cure
+    )
     largest = (0.0, math.degrees(LARGEST_ANGLE))
     sentences += outside(angle.where, "the largest angle", max(-low, high), "deg", largest, cure)
     if load:
@@ -176,14 +211,22 @@ def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True
         if most < -least:
             pulls = f"{load.where} pulls the knee apart by up to {-least:.0f} N, and presses with {most:.4g} N at most"
             sentences.append(f"{pulls}: is it the force on the tibia, {direction}?")
-        sentences += outside(load.where, "the peak", most, "N", (0.0, LARGEST_LOAD), "is load.unit right?")
+        sentences += outside(
+            load.where, "the peak", most, "N", (0.0, LARGEST_LOAD), "is load.unit right?"
+        )
     return sentences
 
 
 def doubts(
-    angle: Series, load: Series | None, unit: str | None, weight: float | None, max_gap: float,
-    moment: Series | None = None, *, mapped: bool = True,
-) -> list[str]:  # fmt: skip
+    angle: Series,
+    load: Series | None,
+    unit: str | None,
+    weight: float | None,
+    max_gap: float,
+    moment: Series | None = None,
+    *,
+    mapped: bool = True,
+) -> list[str]:
     """List what is likely a mistake.
 
     `unit` is the load's in the map, `weight` the body's [N]; a longer time between rows than `max_gap` [s] is a gap.
@@ -193,8 +236,10 @@ def doubts(
     ask, cure = IN_SECONDS, "is it the included angle?"
     if mapped:
         ask = "is time.unit right (s, milliseconds), or does it count frames (time.rate)?"
-        cure = (f"is {name}.sign right, or has the sensor an offset ({name}.offset, or knee-contact align)? The "
-                "included angle has sign: -1, offset: 180 (in deg)")  # fmt: skip
+        cure = (
+            f"is {name}.sign right, or has the sensor an offset ({name}.offset, or knee-contact align)? The "
+            "included angle has sign: -1, offset: 180 (in deg)"
+        )
     no_gap = np.diff(angle.stamps) <= max_gap * NANOSECONDS  # after a gap any angle is possible
     steps = np.degrees(np.abs(np.diff(angle.values)) * no_gap)
     worst = int(np.argmax(steps))
@@ -204,15 +249,46 @@ def doubts(
         found += rate_doubts(series.path, series.stamps, ask)
     found += joint_doubts(angle) if mapped else []
     found += outside(where, "the least flexion", low, "deg", (EXTENDED, BENT), cure)
-    found += outside(where, "the largest flexion", math.degrees(angle.values.max()), "deg", (EXTENDED, FOLDED), cure)
-    found += outside(where, jump, float(steps[worst]), "deg", (0.0, JUMP), "a loose contact, or an encoder's turn?")
+    found += outside(
+        where,
+        "the largest flexion",
+        math.degrees(angle.values.max()),
+        "deg",
+        (EXTENDED, FOLDED),
+        cure,
+    )
+    found += outside(
+        where,
+        jump,
+        float(steps[worst]),
+        "deg",
+        (0.0, JUMP),
+        "a loose contact, or an encoder's turn?",
+    )
     if load:
         least, pull = float(load.values.min()), -LARGEST_PULL * (weight or MIDDLE_WEIGHT)
-        found += outside(load.where, "the least load", least, "N", (pull, math.inf), "does it stand for a missing one?")
+        found += outside(
+            load.where,
+            "the least load",
+            least,
+            "N",
+            (pull, math.inf),
+            "does it stand for a missing one?",
+        )
         found += _spike(load, weight or MIDDLE_WEIGHT) + peak_doubts(load, unit, weight)
     if moment:
-        most, limits = float(np.abs(moment.values).max()), (0.0, LARGEST_MOMENT * (weight or HEAVIEST))
-        found += outside(moment.where, "the largest moment", most, "N m", limits, "is moment.unit right, or a spike?")
+        most, limits = (
+            float(np.abs(moment.values).max()),
+            (0.0, LARGEST_MOMENT * (weight or HEAVIEST)),
+        )
+        found += outside(
+            moment.where,
+            "the largest moment",
+            most,
+            "N m",
+            limits,
+            "is moment.unit right, or a spike?",
+        )
     return list(dict.fromkeys(found))
 
 
@@ -237,7 +313,11 @@ def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:
 def unusual(load: Series, weight: float | None) -> list[str]:
     """List what may be a mistake if no body weight [N] is given to judge the load by."""
     cure = "percent of body weight, kN, or a spike? Give a body weight to be sure"
-    return [] if weight else outside(load.where, "the peak", float(load.values.max()), "N", USUAL_LOAD, cure)
+    return (
+        []
+        if weight
+        else outside(load.where, "the peak", float(load.values.max()), "N", USUAL_LOAD, cure)
+    )
 
 
 def _spike(load: Series, weight: float) -> list[str]:
@@ -252,7 +332,11 @@ def _spike(load: Series, weight: float) -> list[str]:
 
 
 def peak_doubts(
-    load: Series, unit: str | None, weight: float | None, limits: Range = PEAK, right: Range = RIGHT_PEAK
+    load: Series,
+    unit: str | None,
+    weight: float | None,
+    limits: Range = PEAK,
+    right: Range = RIGHT_PEAK,
 ) -> list[str]:
     """Doubt about a peak that is not of the order of the body weight, with the unit in which it would be right.
 
@@ -263,9 +347,18 @@ def peak_doubts(
     if unit is None:
         cure = "is it of this person (model), in N, and without spikes?"
     if weight is None:
-        return outside(load.where, "the peak", peak, "N", (limits[0] * LIGHTEST, limits[1] * HEAVIEST), cure)
+        return outside(
+            load.where, "the peak", peak, "N", (limits[0] * LIGHTEST, limits[1] * HEAVIEST), cure
+        )
     for other in (PERCENT, BODY_WEIGHT, "kN", "kgf", "N", "lbf") if unit else ():
-        there = peak / factor(str(unit), FORCE, "load", weight) * factor(other, FORCE, "load", weight) / weight
+        there = (
+            peak
+            / factor(str(unit), FORCE, "load", weight)
+            * factor(other, FORCE, "load", weight)
+            / weight
+        )
         if right[0] <= there <= right[1]:
             cure = f"is {load.name}.unit {unit} right? In {other} it would be {there:.2g} body weights"
-    return outside(load.where, f"the peak of {peak:.4g} N", peak / weight, "body weights", limits, cure)
+    return outside(
+        load.where, f"the peak of {peak:.4g} N", peak / weight, "body weights", limits, cure
+    )

@@ -21,7 +21,12 @@ from knee_contact_ros.bags.reader import contents_of
 from knee_contact_ros.bags.recorder import METADATA, BagWriter
 from knee_contact_ros.lab.tables import Floats, Stamps
 from knee_contact_ros.streams import topics
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import sha256_of
@@ -67,7 +72,9 @@ class Signal(NamedTuple):
     def at(self, stamps: Stamps) -> Signal:
         """Interpolate linearly at other stamps [ns]; beyond the known stamps the end values are kept."""
         first = self.stamps[0]  # nanoseconds since 1970 have more digits than a float
-        columns = [np.interp(stamps - first, self.stamps - first, column) for column in self.values.T]
+        columns = [
+            np.interp(stamps - first, self.stamps - first, column) for column in self.values.T
+        ]
         return Signal(stamps, np.column_stack(columns))
 
     def inside(self, window: tuple[int, int]) -> Signal:
@@ -84,7 +91,9 @@ class Signal(NamedTuple):
         if self.values.shape[1] > 1:
             return self
         seconds = (self.stamps - self.stamps[0]) / NANOSECONDS
-        return Signal(self.stamps, np.column_stack([self.values, np.gradient(self.values[:, 0], seconds)]))
+        return Signal(
+            self.stamps, np.column_stack([self.values, np.gradient(self.values[:, 0], seconds)])
+        )
 
     @property
     def span(self) -> str:
@@ -115,7 +124,9 @@ class Gait(NamedTuple):
     """Body weight [N], if it is known"""
 
 
-def common_window(*known: Stamps, start: float | None = None, end: float | None = None) -> tuple[int, int]:
+def common_window(
+    *known: Stamps, start: float | None = None, end: float | None = None
+) -> tuple[int, int]:
     """Return the first and last stamp [ns] that all signals cover, between `start` and `end` [s].
 
     Times before 0 are left out.
@@ -127,19 +138,32 @@ def common_window(*known: Stamps, start: float | None = None, end: float | None 
     first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
     if first >= last:
         covered = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
-        raise UsageError(f"the files have no time in common{' from 0 s on' * (last <= 0)}: {covered}")
-    begin, stop = (edge if s is None else round(s * NANOSECONDS) for s, edge in ((start, first), (end, last)))
+        raise UsageError(
+            f"the files have no time in common{' from 0 s on' * (last <= 0)}: {covered}"
+        )
+    begin, stop = (
+        edge if s is None else round(s * NANOSECONDS) for s, edge in ((start, first), (end, last))
+    )
     if max(first, begin) >= min(last, stop):
         options = f"--start {begin / NANOSECONDS:g} --end {stop / NANOSECONDS:g}"
-        raise UsageError(f"{options}: nothing is left of {first / NANOSECONDS:g} to {last / NANOSECONDS:g} s")
+        raise UsageError(
+            f"{options}: nothing is left of {first / NANOSECONDS:g} to {last / NANOSECONDS:g} s"
+        )
     return max(first, begin), min(last, stop)
 
 
 def sampled(
-    side: str, joints: Mapping[str, Sequence[Signal]], wrenches: Mapping[str, Signal],
-    others: Mapping[str, Signal] | None = None, *, rate: float | None, max_gap: float, start: float | None = None,
-    end: float | None = None, beyond: int = 0,
-) -> Gait:  # fmt: skip
+    side: str,
+    joints: Mapping[str, Sequence[Signal]],
+    wrenches: Mapping[str, Signal],
+    others: Mapping[str, Signal] | None = None,
+    *,
+    rate: float | None,
+    max_gap: float,
+    start: float | None = None,
+    end: float | None = None,
+    beyond: int = 0,
+) -> Gait:
     """Make a gait from the time that all signals cover, between `start` and `end` [s].
 
     With a `rate` [Hz] all signals are interpolated at it, except in gaps longer than `max_gap` [s]. Without a rate
@@ -164,10 +188,16 @@ def sampled(
     named = {"angle": next(iter(joints.values()))[0], **wrenches, **(others or {})}
     every = [*turning, *(signal.stamps for signal in (*wrenches.values(), *named.values()))]
     window = common_window(*every, start=start, end=end)
-    notes = [note for name, signal in named.items() for note in _gaps(name, signal.around(window).stamps, max_gap)]
+    notes = [
+        note
+        for name, signal in named.items()
+        for note in _gaps(name, signal.around(window).stamps, max_gap)
+    ]
     if rate:
         period = NANOSECONDS / rate
-        steps = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
+        steps = np.arange(
+            np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1
+        )
         at = np.clip(np.rint(steps * period).astype(np.int64), *window)
         at = at[np.all([bridged(at, each, max_gap) for each in every], axis=0)]
         inside = {name: wrench.at(at) for name, wrench in wrenches.items()}
@@ -175,22 +205,36 @@ def sampled(
     else:
         inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
         first, last = common_window(*turning)
-        at = named["angle"].around((window[0] - beyond, window[1] + beyond)).inside((first, last)).stamps
+        at = (
+            named["angle"]
+            .around((window[0] - beyond, window[1] + beyond))
+            .inside((first, last))
+            .stamps
+        )
         at = at[np.all([bridged(at, each, max_gap) for each in turning], axis=0)]
         for name, wrench in inside.items():
             if outside := len(wrenches[name].stamps) - len(wrench.stamps):
-                notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
+                notes.append(
+                    f"{name}: {outside} rows left out, before time 0 or where another signal or time is not"
+                )
     counts = {"angle": len(at), **{name: len(wrench.stamps) for name, wrench in inside.items()}}
     if short := [name for name, count in counts.items() if count < 2]:
         low, high = (stamp / NANOSECONDS for stamp in window)
         at_rate = f" at {rate:g} Hz, outside gaps of {max_gap:g} s" if rate else ""
-        raise UsageError(f"fewer than two rows of the {short[0]} are within {low:g} to {high:g} s{at_rate}")
+        raise UsageError(
+            f"fewer than two rows of the {short[0]} are within {low:g} to {high:g} s{at_rate}"
+        )
     if side == "left" and "ground_force" in inside:
         ground = inside["ground_force"]
         inside["ground_force"] = Signal(ground.stamps, ground.values * MIRROR)
         notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
     moved = {
-        name: Signal(at, np.hstack([angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]))
+        name: Signal(
+            at,
+            np.hstack(
+                [angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]
+            ),
+        )
         for name, (angle, *torques) in joints.items()
     }
     return Gait(side, moved, inside, {}, notes)
@@ -212,7 +256,9 @@ def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
 def bridged(stamps: Stamps, known: Stamps, longest: float) -> NDArray[np.bool_]:
     """Which stamps lie on a row or between rows that are at most `longest` [s] apart; booleans, shape (n,)."""
     after = np.clip(np.searchsorted(known, stamps, "left"), 1, len(known) - 1)
-    near: NDArray[np.bool_] = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(stamps, known)
+    near: NDArray[np.bool_] = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(
+        stamps, known
+    )
     return near
 
 
@@ -224,10 +270,14 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
     Raises:
         UsageError: the folder cannot be written.
     """
-    kinds = {"load": (topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
-             "ground_force": (topics.GROUND_REACTION_FORCE, "ground")}  # fmt: skip
+    kinds = {
+        "load": (topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
+        "ground_force": (topics.GROUND_REACTION_FORCE, "ground"),
+    }
     streams = {topics.JOINT_STATES: _joint_messages(gait.joints)}
-    streams |= {kinds[name][0]: _wrenches(wrench, *kinds[name]) for name, wrench in gait.wrenches.items()}
+    streams |= {
+        kinds[name][0]: _wrenches(wrench, *kinds[name]) for name, wrench in gait.wrenches.items()
+    }
     with BagWriter(folder / f"{folder.name}_0.mcap") as bag:
         for topic in streams:
             bag.add_topic(f"/{topic}", topics.MESSAGE_TYPES[topic])
@@ -239,33 +289,57 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
 def _joint_messages(joints: dict[str, Signal]) -> Iterator[tuple[int, str, bytes]]:
     """Yield stamp [ns], topic and bytes of a JointState for every stamp."""
     names = tuple(joints)
-    wide = [np.pad(each.values, ((0, 0), (0, 3 - each.values.shape[1])), constant_values=np.nan)
-            for each in joints.values()]  # fmt: skip
-    known = any(each.values.shape[1] > 2 for each in joints.values())  # a joint without an actuator has no torque
+    wide = [
+        np.pad(each.values, ((0, 0), (0, 3 - each.values.shape[1])), constant_values=np.nan)
+        for each in joints.values()
+    ]
+    known = any(
+        each.values.shape[1] > 2 for each in joints.values()
+    )  # a joint without an actuator has no torque
     for stamp, (angle, rate, effort) in _rows(joints[names[0]].stamps, np.stack(wide, axis=2)):
-        message = JointState(stamp, "", names, tuple(angle), tuple(rate), tuple(effort) if known else ())
+        message = JointState(
+            stamp, "", names, tuple(angle), tuple(rate), tuple(effort) if known else ()
+        )
         yield stamp, topics.JOINT_STATES, encode_joint_state(message)
 
 
 def _wrenches(wrench: Signal, topic: str, frame: str) -> Iterator[tuple[int, str, bytes]]:
     """Yield stamp [ns], topic and bytes of a WrenchStamped for every row."""
     for stamp, values in _rows(*wrench):
-        yield stamp, topic, encode_wrench_stamped(WrenchStamped(stamp, frame, tuple(values[:3]), tuple(values[3:])))
+        yield (
+            stamp,
+            topic,
+            encode_wrench_stamped(
+                WrenchStamped(stamp, frame, tuple(values[:3]), tuple(values[3:]))
+            ),
+        )
 
 
 def _rows(*columns: Any) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of arrays as plain numbers, block by block."""
     for begin in range(0, len(columns[0]), BLOCK):
-        yield from zip(*(column[begin : begin + BLOCK].tolist() for column in columns), strict=True)
+        yield from zip(
+            *(column[begin : begin + BLOCK].tolist() for column in columns), strict=True
+        )
 
 
-def store(bags: Mapping[Path, Gait], source: str, files: dict[str, Path], more: dict[str, str], work: Path) -> None:
+def store(
+    bags: Mapping[Path, Gait],
+    source: str,
+    files: dict[str, Path],
+    more: dict[str, str],
+    work: Path,
+) -> None:
     """Write bags, first into the folder `work`, then print summaries and doubts.
 
     The metadata record gets `files`, named by their use, and `more`; nothing in it depends on the time of writing.
     """
     for bag, gait in bags.items():
-        origin = {"package": f"knee_contact_ros {__version__}", "source": source, "side": gait.side}
+        origin = {
+            "package": f"knee_contact_ros {__version__}",
+            "source": source,
+            "side": gait.side,
+        }
         for name, path in files.items():
             origin |= {name: path.name, f"{name}_sha256": digest(path)}
         origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
@@ -293,8 +367,16 @@ def show(gait: Gait, bag: Path) -> None:
         at = wrench.stamps[int(force.argmax())] / NANOSECONDS
         ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
     say(f"{gait.side} knee")
-    show_pairs((name, f"{shown(text)}\n{ranges.get(name, '')}".rstrip()) for name, text in gait.columns.items())
-    for line in ("", *(f"- {note}" for note in gait.notes), *[""][: len(gait.notes)], f"Bag: {bag}"):
+    show_pairs(
+        (name, f"{shown(text)}\n{ranges.get(name, '')}".rstrip())
+        for name, text in gait.columns.items()
+    )
+    for line in (
+        "",
+        *(f"- {note}" for note in gait.notes),
+        *[""][: len(gait.notes)],
+        f"Bag: {bag}",
+    ):
         say(line, hang=2)
 
 
@@ -305,7 +387,9 @@ def check_output(folder: Path, overwrite: bool) -> None:
         UsageError: the folder exists, or its name ends with `.mcap`.
     """
     if folder.suffix == MCAP:
-        raise UsageError(f"--output {folder}: a bag is written as a folder; give its name without {MCAP}")
+        raise UsageError(
+            f"--output {folder}: a bag is written as a folder; give its name without {MCAP}"
+        )
     if not folder.exists():
         return
     if not overwrite:
@@ -315,7 +399,11 @@ def check_output(folder: Path, overwrite: bool) -> None:
     others = {path.name for path in folder.iterdir()}
     with suppress(UsageError):  # it is no bag
         contents = contents_of(folder)
-        others -= set() if contents.faults else {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
+        others -= (
+            set()
+            if contents.faults
+            else {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
+        )
     if others:
         raise UsageError(
             f"{folder} is not replaced: it has {min(others)}, and no {METADATA} says that it belongs to a bag"

@@ -32,7 +32,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, groups_of, read_study, run_study
+from knee_contact_ros.lab.study import (
+    Design,
+    Floats,
+    Shards,
+    Spaced,
+    Study,
+    groups_of,
+    read_study,
+    run_study,
+)
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
@@ -62,7 +71,11 @@ USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
 KNOWN = (*OUTCOMES, *(LATERAL + name for name in OUTCOMES))
 BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
 """Outcomes with a known numerical error, and the column that bounds it"""
-NOTED = {"not_converged": "missed a tolerance", "implausible": "are implausible", "failed": "failed"}
+NOTED = {
+    "not_converged": "missed a tolerance",
+    "implausible": "are implausible",
+    "failed": "failed",
+}
 """Columns of what a reader should know of, with words for it"""
 INDICES = {"sobol": ("ST", "S1", "S2"), "morris": ("mu_star", "mu", "sigma")}
 """Indices of each method; parameters are sorted by the first one. S1, ST, S2 are fractions of the variance; mu_star, mu
@@ -123,15 +136,23 @@ class SalibDesign(Design):
     @property
     def problem(self) -> dict[str, Any]:
         """SALib's description of the problem: names of the parameters, and the unit cube as their ranges."""
-        return {"num_vars": len(self.ranges), "names": list(self.ranges), "bounds": [[0.0, 1.0]] * len(self.ranges)}
+        return {
+            "num_vars": len(self.ranges),
+            "names": list(self.ranges),
+            "bounds": [[0.0, 1.0]] * len(self.ranges),
+        }
 
     def unit(self) -> Floats:
         """See `Design.unit`."""
         from SALib.sample import morris, sobol
 
         if self.method == "morris":
-            return np.asarray(morris.sample(self.problem, self.n, num_levels=LEVELS, seed=self.seed))
-        return np.asarray(sobol.sample(self.problem, self.n, calc_second_order=self.second_order, seed=self.seed))
+            return np.asarray(
+                morris.sample(self.problem, self.n, num_levels=LEVELS, seed=self.seed)
+            )
+        return np.asarray(
+            sobol.sample(self.problem, self.n, calc_second_order=self.second_order, seed=self.seed)
+        )
 
 
 class SensitivityStudy(Study):
@@ -214,7 +235,11 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
     whole = np.isfinite(grouped).all(axis=1)
     spoilt, cases, known = int((~whole).sum()), int((~finite).sum()), values[finite]
     mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
-    rows, reason, unit = list[tuple[Any, ...]](), "", f" {OUTCOMES[outcome.removeprefix(LATERAL)]}".rstrip()
+    rows, reason, unit = (
+        list[tuple[Any, ...]](),
+        "",
+        f" {OUTCOMES[outcome.removeprefix(LATERAL)]}".rstrip(),
+    )
     if not known.size:
         reason = "no case has a value"
     elif spoilt > MOST_SPOILT * design.n or design.n - spoilt < FEWEST:
@@ -231,7 +256,16 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
         )
     else:
         rows = list(_indices(design, whole, grouped[whole]))
-    return Analysed(outcome, pd.DataFrame(rows, columns=AFTER[1:]), spoilt, cases, mean, deviation, reason, bound)
+    return Analysed(
+        outcome,
+        pd.DataFrame(rows, columns=AFTER[1:]),
+        spoilt,
+        cases,
+        mean,
+        deviation,
+        reason,
+        bound,
+    )
 
 
 def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[Any, ...]]:
@@ -239,9 +273,15 @@ def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[
     from SALib.analyze import morris, sobol
 
     # SALib takes a seed of 0 for none
-    options: Any = {"num_resamples": RESAMPLES, "conf_level": design.confidence, "seed": design.seed + 1}
+    options: Any = {
+        "num_resamples": RESAMPLES,
+        "conf_level": design.confidence,
+        "seed": design.seed + 1,
+    }
     if design.method == "sobol":
-        result = sobol.analyze(design.problem, values.ravel(), calc_second_order=design.second_order, **options)
+        result = sobol.analyze(
+            design.problem, values.ravel(), calc_second_order=design.second_order, **options
+        )
         for frame in result.to_df():
             for name, (value, half) in zip(frame.index, frame.to_numpy(), strict=True):
                 both = name if isinstance(name, str) else " x ".join(name)
@@ -250,12 +290,16 @@ def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[
     points = design.unit().reshape(design.n, design.group, -1)[whole].reshape(values.size, -1)
     result = morris.analyze(design.problem, points, values.ravel(), num_levels=LEVELS, **options)
     for kind in INDICES["morris"]:
-        for name, value, half in zip(design.ranges, result[kind], result["mu_star_conf"], strict=True):
+        for name, value, half in zip(
+            design.ranges, result[kind], result["mu_star_conf"], strict=True
+        ):
             reach = float(half) if kind == "mu_star" else np.nan
             yield name, kind, len(values), float(value), value - reach, value + reach
 
 
-def analysed_in(design: SalibDesign, rows: pd.DataFrame, outcomes: Sequence[str]) -> dict[str, Analysed]:
+def analysed_in(
+    design: SalibDesign, rows: pd.DataFrame, outcomes: Sequence[str]
+) -> dict[str, Analysed]:
     """Analyse outcomes, columns of a table with a row for each point."""
     found = {}
     for name in outcomes:
@@ -285,9 +329,14 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
     if leading.empty:
         return []
     parts, first, factor = [], leading.iloc[0], 1.0 if sobol else display_of(analysed.outcome)[2]
-    width, most = first["high"] - first["low"], WIDEST[design.method] * (1.0 if sobol else first["value"])
+    width, most = (
+        first["high"] - first["low"],
+        WIDEST[design.method] * (1.0 if sobol else first["value"]),
+    )
     if width > most:
-        least = math.ceil(first["n"] * (width / most) ** 2)  # an interval's width goes with the root of n
+        least = math.ceil(
+            first["n"] * (width / most) ** 2
+        )  # an interval's width goes with the root of n
         enough = 1 << (least - 1).bit_length() if sobol else least
         parts.append(
             f"not converged: the interval of the largest index, {first['index']} of {first.name} "
@@ -298,7 +347,9 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
         parts.append(f"it is not clear which of {first.name} and {leading.index[1]} matters more")
     if analysed.bound > NOISY * analysed.deviation:
         what = f"the numerical error bound is {analysed.bound / analysed.deviation:.0%} of the standard deviation"
-        parts.append(f"{what}: small indices may be those of the error; a smaller fidelity.tolerance helps")
+        parts.append(
+            f"{what}: small indices may be those of the error; a smaller fidelity.tolerance helps"
+        )
     return parts
 
 
@@ -315,7 +366,10 @@ class Sensitivity:
 
     def __repr__(self) -> str:
         doubted = sum(map(len, self.remarks.values()))
-        lines = [f"{len(self.cohort.failed)} cases, {doubted} remark(s)", *map(repr, self.outcomes.values())]
+        lines = [
+            f"{len(self.cohort.failed)} cases, {doubted} remark(s)",
+            *map(repr, self.outcomes.values()),
+        ]
         return "<Sensitivity: " + "\n  ".join(lines[:19]) + ">"
 
     def __getattr__(self, name: str) -> Any:
@@ -334,11 +388,20 @@ def tidy(several: Mapping[str, Analysed]) -> pd.DataFrame:
 
 
 def sensitivity(
-    gait: Name | Mapping[str, ArrayLike], ranges: Mapping[str, Any], params: Source = DEFAULT_PARAMETERS, *,
-    method: Literal["sobol", "morris"] = "sobol", n: int = 256, seed: int = 1, second_order: bool = False,
-    confidence: float = 0.95, outcomes: Sequence[str] = USUAL, remap: Mapping[str, str] | None = None,
-    namespace: str = "", threads: int = 0,
-) -> Sensitivity:  # fmt: skip
+    gait: Name | Mapping[str, ArrayLike],
+    ranges: Mapping[str, Any],
+    params: Source = DEFAULT_PARAMETERS,
+    *,
+    method: Literal["sobol", "morris"] = "sobol",
+    n: int = 256,
+    seed: int = 1,
+    second_order: bool = False,
+    confidence: float = 0.95,
+    outcomes: Sequence[str] = USUAL,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+    threads: int = 0,
+) -> Sensitivity:
     """Compute a knee at the points of a design by SALib, and find out which of its parameters matter.
 
     Args:
@@ -362,7 +425,13 @@ def sensitivity(
         UsageError: a range, outcome, parameter or gait is not allowed. Failed cases raise nothing: see `spoilt` and
             `reason` of the outcomes.
     """
-    options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
+    options = {
+        "method": method,
+        "n": n,
+        "seed": seed,
+        "second_order": second_order,
+        "confidence": confidence,
+    }
     try:
         design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
         names = checked_outcomes(outcomes)
@@ -375,7 +444,9 @@ def sensitivity(
     if cohort.lateral is None and (wrong := [name for name in names if name.startswith(LATERAL)]):
         raise UsageError(f"outcomes: {wrong[0]} is not allowed; load.compartment is not both")
     analysed = analysed_in(design, cohort.to_pandas(), names)
-    return Sensitivity(analysed, {name: not_converged(design, one) for name, one in analysed.items()}, cohort)
+    return Sensitivity(
+        analysed, {name: not_converged(design, one) for name, one in analysed.items()}, cohort
+    )
 
 
 class Combination(NamedTuple):
@@ -407,17 +478,28 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
             columns = {"bag": group.bag, "params": " + ".join(group.params)} | {
                 name: str(cases[0][name]) for name in study.grid
             }
-            parts = [f"{name if name in study.grid else ''} {columns[name]}".strip() for name in several]
-            doubtful = [f"{count} {text}" for name, text in NOTED.items()
-                        if (count := int(rows[name].astype(bool).sum()))]  # fmt: skip
+            parts = [
+                f"{name if name in study.grid else ''} {columns[name]}".strip() for name in several
+            ]
+            doubtful = [
+                f"{count} {text}"
+                for name, text in NOTED.items()
+                if (count := int(rows[name].astype(bool).sum()))
+            ]
             why = min(set(rows["failed"]) - {""}, default="")
-            remark = f"of {len(rows)} cases {', '.join(doubtful)}{why and ': ' + why}" if doubtful else ""
+            remark = (
+                f"of {len(rows)} cases {', '.join(doubtful)}{why and ': ' + why}"
+                if doubtful
+                else ""
+            )
             analysed = analysed_in(study.design, rows, study.outcomes)
             found.append(Combination(columns, ", ".join(parts), analysed, remark))
     return found
 
 
-def sentences(study: SensitivityStudy, combinations: Sequence[Combination]) -> Iterator[tuple[str, str]]:
+def sentences(
+    study: SensitivityStudy, combinations: Sequence[Combination]
+) -> Iterator[tuple[str, str]]:
     """Write which parameters matter most, a line for each outcome and combination, with what makes it doubtful."""
     kind, own = INDICES[study.design.method][0], study.design.method == "sobol"
     for outcome in study.outcomes:
@@ -433,8 +515,14 @@ def sentences(study: SensitivityStudy, combinations: Sequence[Combination]) -> I
             spread = f"{factor * one.mean:.4g} ± {factor * one.deviation:.2g} {unit}".strip()
             doubts = not_converged(study.design, one)
             if one.spoilt and not one.reason:
-                doubts.insert(0, f"{one.cases} cases have no value; {one.spoilt} groups are left out with them")
-            yield f"{title}, {each.label}: {one.reason or '; '.join(parts) + f' (of {spread})'}", "; ".join(doubts)
+                doubts.insert(
+                    0,
+                    f"{one.cases} cases have no value; {one.spoilt} groups are left out with them",
+                )
+            yield (
+                f"{title}, {each.label}: {one.reason or '; '.join(parts) + f' (of {spread})'}",
+                "; ".join(doubts),
+            )
 
 
 def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
@@ -446,14 +534,23 @@ def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
     if design.method == "sobol":
         kinds, text, factor = ["S1", "ST"], f"share of the variance of {title}", 1.0
     names = sum(one.final(kinds[0])["value"] for _, one in panels).sort_values().index
-    figure = Figure(figsize=(WIDTH, (HEIGHT + BAR * len(names)) * len(panels)), dpi=150, layout="constrained")
-    for (label, one), axis in zip(panels, figure.subplots(len(panels), squeeze=False).ravel(), strict=True):
+    figure = Figure(
+        figsize=(WIDTH, (HEIGHT + BAR * len(names)) * len(panels)), dpi=150, layout="constrained"
+    )
+    for (label, one), axis in zip(
+        panels, figure.subplots(len(panels), squeeze=False).ravel(), strict=True
+    ):
         table = one.table.pivot(index="parameter", columns="index")
         reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
         (factor * table["value"].loc[names, kinds]).plot.barh(
-            ax=axis, xerr=factor * reach.T.to_numpy(), color=["#0072B2", "#A6CEE8"], width=0.75, ylabel="",
-            xlabel=text, title=textwrap.fill(label.replace("$", r"\$"), WRAP),
-        )  # fmt: skip
+            ax=axis,
+            xerr=factor * reach.T.to_numpy(),
+            color=["#0072B2", "#A6CEE8"],
+            width=0.75,
+            ylabel="",
+            xlabel=text,
+            title=textwrap.fill(label.replace("$", r"\$"), WRAP),
+        )
         axis.legend(loc="lower right", fontsize=8, frameon=False)
         axis.spines[["top", "right"]].set_visible(False)
     file = io.BytesIO()
@@ -481,7 +578,10 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
     *_, missing = run_study(study, f"{folder}/{CASES}", workers, scheduler)
     with progress("Analysing"):
         combinations, shards = gather(study, Shards(f"{folder}/{CASES}")), Shards(folder)
-        tables = [tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]] for each in combinations]
+        tables = [
+            tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]]
+            for each in combinations
+        ]
         text = pd.concat(tables).to_csv(index=False, float_format="%.9g", lineterminator="\n")
         shards.put(TABLE, text.encode())
         written = set()

@@ -27,7 +27,15 @@ from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTab
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.lab.checks import IN_SECONDS, LARGEST_MOMENT, rate_doubts
 from knee_contact_ros.lab.gait_bag import bridged
-from knee_contact_ros.lab.tables import Stamps, Table, TableFormat, TimeColumn, check_unit, header_of, read_columns
+from knee_contact_ros.lab.tables import (
+    Stamps,
+    Table,
+    TableFormat,
+    TimeColumn,
+    check_unit,
+    header_of,
+    read_columns,
+)
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
@@ -35,7 +43,9 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
 from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
-TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
+TERM = re.compile(
+    r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*"
+)
 """A term of a sum: sign, factor, column; the column is quoted unless it has only letters, digits and _"""
 Term = tuple[float, str]
 """Weight and name of a column"""
@@ -87,9 +97,16 @@ class Trial(NamedTuple):
 
 
 def run_fit_share(
-    files: Sequence[Sequence[Path]], time: str, sums: Mapping[str, str], degrees: bool, body_weight: Sequence[float],
-    form: str, source: str, output: Path, overwrite: bool,
-) -> None:  # fmt: skip
+    files: Sequence[Sequence[Path]],
+    time: str,
+    sums: Mapping[str, str],
+    degrees: bool,
+    body_weight: Sequence[float],
+    form: str,
+    source: str,
+    output: Path,
+    overwrite: bool,
+) -> None:
     """Fit medial shares to trials, write them as a table, and print the errors.
 
     Args:
@@ -110,13 +127,20 @@ def run_fit_share(
     if not overwrite:
         refuse_existing(output)
     if len(body_weight) not in (1, len(files)):
-        raise UsageError(f"--body-weight: {len(body_weight)} for {len(files)} trials; give one, or one for each")
+        raise UsageError(
+            f"--body-weight: {len(body_weight)} for {len(files)} trials; give one, or one for each"
+        )
     weights = list(body_weight) * (len(files) // len(body_weight))
     terms = {option: _terms(option, text) for option, text in sums.items()}
-    trials = [read_trial(paths, time, terms, degrees, weight) for paths, weight in zip(files, weights, strict=True)]
+    trials = [
+        read_trial(paths, time, terms, degrees, weight)
+        for paths, weight in zip(files, weights, strict=True)
+    ]
     for one, other in combinations(trials, 2):
         if np.array_equal(one.load, other.load) and np.array_equal(one.medial, other.medial):
-            fault = f"trials {one.name} and {other.name} are the same, and each is left out in turn"
+            fault = (
+                f"trials {one.name} and {other.name} are the same, and each is left out in turn"
+            )
             raise UsageError(f"--trial: {fault}")
     found = chosen(trials, form)
     text = _csv(found, trials, source)
@@ -127,7 +151,11 @@ def run_fit_share(
 
 
 def read_trial(
-    paths: Sequence[Path], time: str, sums: Mapping[str, Sequence[Term]], degrees: bool, body_weight: float
+    paths: Sequence[Path],
+    time: str,
+    sums: Mapping[str, Sequence[Term]],
+    degrees: bool,
+    body_weight: float,
 ) -> Trial:
     """Read a trial from one file, or from several that share a clock.
 
@@ -155,23 +183,38 @@ def read_trial(
         header.place(time)
         known += header.names
         table = read_columns(
-            header, [each for each in needed if header.places(each)], TimeColumn(column=time), TableFormat()
+            header,
+            [each for each in needed if header.places(each)],
+            TimeColumn(column=time),
+            TableFormat(),
         )
         day = day if clocks else table.day
         if table.day != day:
-            raise UsageError(f"{path}: trial {name} begins on another day than in {paths[0]}, or has another clock")
+            raise UsageError(
+                f"{path}: trial {name} begins on another day than in {paths[0]}, or has another clock"
+            )
         clocks.append(table.stamps)
-        doubts += [*table.notes, *rate_doubts(path, table.stamps, IN_SECONDS), *_unit_notes(table, sums, degrees)]
+        doubts += [
+            *table.notes,
+            *rate_doubts(path, table.stamps, IN_SECONDS),
+            *_unit_notes(table, sums, degrees),
+        ]
         for column, values in zip(table.names, table.values.T, strict=True):
             if column in found:
-                raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
+                raise UsageError(
+                    f"{path}: column {column} is in another file of trial {name}, too"
+                )
             if not np.isfinite(values).all():
-                raise UsageError(f"{path}: column {column} of trial {name} has values that are not numbers")
+                raise UsageError(
+                    f"{path}: column {column} of trial {name} has values that are not numbers"
+                )
             found[column] = clocks[-1], values
     for option, terms in sums.items():
         for _, column in terms:
             if column not in found:
-                raise UsageError(f"{option}: trial {name} has no column {column}; it has {', '.join(known)}")
+                raise UsageError(
+                    f"{option}: trial {name} has no column {column}; it has {', '.join(known)}"
+                )
     first, last = max(clock[0] for clock in clocks), min(clock[-1] for clock in clocks)
     kept = clocks[0][(clocks[0] >= first) & (clocks[0] <= last)]
     near = np.all([bridged(kept, clock, LONGEST_GAP) for clock in clocks], axis=0)
@@ -182,7 +225,10 @@ def read_trial(
         fault = f"{len(kept)} samples at which all files have some; at least {FEWEST} are needed"
         raise UsageError(f"trial {name}: {'; '.join([fault, *doubts])}")
     axial, medial, flexion, *moments = (
-        sum((weight * np.interp(kept, *found[column]) for weight, column in terms), np.zeros(len(kept)))
+        sum(
+            (weight * np.interp(kept, *found[column]) for weight, column in terms),
+            np.zeros(len(kept)),
+        )
         for terms in sums.values()
     )
     flexion = np.radians(flexion) if degrees else flexion
@@ -191,7 +237,9 @@ def read_trial(
     _refuse_impossible(name, flexion, axial, medial, moment, body_weight, hint)
     moment = np.where(np.abs(moment) <= LARGEST_MOMENT, moment, np.nan)
     told = tuple(dict.fromkeys(doubts))
-    return Trial(name, flexion, axial / body_weight, medial / body_weight, moment, body_weight, told)
+    return Trial(
+        name, flexion, axial / body_weight, medial / body_weight, moment, body_weight, told
+    )
 
 
 def _unit_notes(table: Table, sums: Mapping[str, Sequence[Term]], degrees: bool) -> list[str]:
@@ -201,7 +249,9 @@ def _unit_notes(table: Table, sums: Mapping[str, Sequence[Term]], degrees: bool)
         unit, times = units.get(option, "N"), max(abs(weight) for weight, _ in terms) or 1.0
         for _, column in terms:
             said = table.units.get(column, "")
-            notes += check_unit(table.path, column, said, unit, f"{option} must be in", times=times, cure="")
+            notes += check_unit(
+                table.path, column, said, unit, f"{option} must be in", times=times, cure=""
+            )
     return notes
 
 
@@ -211,7 +261,9 @@ def _terms(option: str, text: str) -> list[Term]:
     while place < len(text):
         term = TERM.match(text, place)
         if term is None or (place and not term[1]):
-            raise UsageError(f"{option} {text!r}: it must be a sum of columns, for example '0.98 am + 0.97 pm - al'")
+            raise UsageError(
+                f"{option} {text!r}: it must be a sum of columns, for example '0.98 am + 0.97 pm - al'"
+            )
         sign, weight, column = term.groups()
         terms.append(((-1.0 if sign == "-" else 1.0) * float(weight or 1.0), column.strip("'\"")))
         place = term.end()
@@ -221,27 +273,54 @@ def _terms(option: str, text: str) -> list[Term]:
 
 
 def _refuse_impossible(
-    trial: str, flexion: Floats, axial: Floats, medial: Floats, moment: Floats, weight: float, unit: str
+    trial: str,
+    flexion: Floats,
+    axial: Floats,
+    medial: Floats,
+    moment: Floats,
+    weight: float,
+    unit: str,
 ) -> None:
     """Refuse flexion [rad], forces [N] and moments [m times the body weight] that no walking knee has."""
-    mean, span, most = math.degrees(flexion.mean()), math.degrees(np.ptp(flexion)), float(axial.max())
+    mean, span, most = (
+        math.degrees(flexion.mean()),
+        math.degrees(np.ptp(flexion)),
+        float(axial.max()),
+    )
     excess = max(float((medial - axial).max()), float((-medial).max()))
     for wrong, reason in (
-        ((reached := np.abs(flexion).max()) > LARGEST_ANGLE, f"flexion reaches {reached:g} rad, beyond "
-         f"{LARGEST_ANGLE:g}{unit}"),
-        (mean < LEAST_FLEXION, f"flexion is {mean:.0f} degrees on average; it must be positive in flexion: change the "
-        "sign in --flexion"),
-        (span < math.degrees(STIFF), f"flexion moves by {span:.3g} degrees in all, less than a walking knee: is "
-        "--angle-unit right?"),
-        (not LEAST_PEAK <= most / weight <= MOST_PEAK, f"the axial force reaches {most / weight:.3g} body weights, and "
-         f"a knee that bears its body {LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and is --body-weight a force "
-         "and not a mass?"),
-        (excess > LARGEST_EXCESS * most, f"the medial force is {excess:g} N beyond 0 or the whole; look at --axial and "
-         "--medial"),
+        (
+            (reached := np.abs(flexion).max()) > LARGEST_ANGLE,
+            f"flexion reaches {reached:g} rad, beyond {LARGEST_ANGLE:g}{unit}",
+        ),
+        (
+            mean < LEAST_FLEXION,
+            f"flexion is {mean:.0f} degrees on average; it must be positive in flexion: change the "
+            "sign in --flexion",
+        ),
+        (
+            span < math.degrees(STIFF),
+            f"flexion moves by {span:.3g} degrees in all, less than a walking knee: is "
+            "--angle-unit right?",
+        ),
+        (
+            not LEAST_PEAK <= most / weight <= MOST_PEAK,
+            f"the axial force reaches {most / weight:.3g} body weights, and "
+            f"a knee that bears its body {LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and is --body-weight a force "
+            "and not a mass?",
+        ),
+        (
+            excess > LARGEST_EXCESS * most,
+            f"the medial force is {excess:g} N beyond 0 or the whole; look at --axial and "
+            "--medial",
+        ),
         (not moment.any(), "--moment is 0 throughout"),
-        ((above := float(np.mean(np.abs(moment) > LARGEST_MOMENT))) > 0.5, f"--moment exceeds {LARGEST_MOMENT:g} m "
-         f"times the body weight in {above:.0%} of the samples: is it in N m?"),
-    ):  # fmt: skip
+        (
+            (above := float(np.mean(np.abs(moment) > LARGEST_MOMENT))) > 0.5,
+            f"--moment exceeds {LARGEST_MOMENT:g} m "
+            f"times the body weight in {above:.0%} of the samples: is it in N m?",
+        ),
+    ):
         if wrong:
             raise UsageError(f"trial {trial}: {reason}")
 
@@ -265,8 +344,12 @@ def fit_table(trials: Sequence[Trial], smoothing: float) -> ShareTable:
     down, across = (np.diff(np.eye(len(places)), axis=0) for places in (flexion, load))
     steps = np.vstack((np.kron(down, np.eye(len(load))), np.kron(np.eye(len(flexion)), across)))
     system = np.vstack((*rows, np.sqrt(smoothing) * steps))
-    solution = lsq_linear(system, np.concatenate((*wanted, np.zeros(len(steps)))), (0.0, 1.0), method="bvls")
-    return ShareTable(flexion, load, np.clip(solution.x, 0.0, 1.0).reshape(len(flexion), len(load)))
+    solution = lsq_linear(
+        system, np.concatenate((*wanted, np.zeros(len(steps)))), (0.0, 1.0), method="bvls"
+    )
+    return ShareTable(
+        flexion, load, np.clip(solution.x, 0.0, 1.0).reshape(len(flexion), len(load))
+    )
 
 
 def _within(places: Floats, values: Floats) -> Floats:
@@ -307,8 +390,10 @@ def fit_curve(trials: Sequence[Trial], weights: Sequence[float] | None = None) -
 
     def misfit(constants: Floats) -> Floats:
         curve = Curve(*constants)
-        each = [part / np.sqrt(len(trial.load)) * (curve.at(trial.load) * trial.load - trial.medial)
-                for part, trial in zip(parts, trials, strict=True)]  # fmt: skip
+        each = [
+            part / np.sqrt(len(trial.load)) * (curve.at(trial.load) * trial.load - trial.medial)
+            for part, trial in zip(parts, trials, strict=True)
+        ]
         return np.concatenate(each)
 
     found = least_squares(misfit, (0.6, 0.5), bounds=((0.0, LEAST_LOAD), (1.0, MOST_LOAD)))
@@ -334,8 +419,11 @@ def spacing(trials: Sequence[Trial]) -> float:
     mean = sum(counts) / len(counts)
 
     def misfit(inverse: Floats) -> Floats:
-        each = [(0.5 * trial.load - trial.moment * inverse - trial.medial)[seen] * math.sqrt(mean / count)
-                for trial, seen, count in zip(trials, known, counts, strict=True)]  # fmt: skip
+        each = [
+            (0.5 * trial.load - trial.moment * inverse - trial.medial)[seen]
+            * math.sqrt(mean / count)
+            for trial, seen, count in zip(trials, known, counts, strict=True)
+        ]
         return np.concatenate(each)
 
     found = least_squares(misfit, 15.0, loss="soft_l1", f_scale=OUTLIER)
@@ -370,8 +458,10 @@ def chosen(trials: Sequence[Trial], form: str) -> Found:
     parts = list(trials)
     if len(trials) == 1:
         quarters = (np.array_split(column, QUARTERS) for column in trials[0][1:5])
-        parts = [trials[0]._replace(flexion=flexion, load=load, medial=medial, moment=moment)
-                 for flexion, load, medial, moment in zip(*quarters, strict=True)]  # fmt: skip
+        parts = [
+            trials[0]._replace(flexion=flexion, load=load, medial=medial, moment=moment)
+            for flexion, load, medial, moment in zip(*quarters, strict=True)
+        ]
 
     def missed(share: Callable[[Sequence[Trial], Trial], Any]) -> list[float]:
         """RMS errors of the medial force in every part, with shares fitted to the others."""
@@ -382,7 +472,11 @@ def chosen(trials: Sequence[Trial], form: str) -> Found:
         return errors if len(trials) > 1 else [math.sqrt(fmean(error**2 for error in errors))]
 
     def tabled(penalty: float) -> list[float]:
-        return missed(lambda known, part: MeasuredShare(fit_table(known, penalty), 1.0).share(part.load, part.flexion))
+        return missed(
+            lambda known, part: MeasuredShare(fit_table(known, penalty), 1.0).share(
+                part.load, part.flexion
+            )
+        )
 
     errors = {
         "share of 1/2": missed(lambda _, __: 0.5),
@@ -405,16 +499,21 @@ def chosen(trials: Sequence[Trial], form: str) -> Found:
 
 def _csv(found: Found, trials: Sequence[Trial], source: str) -> str:
     """Write the table as the text of a CSV file; four digits of a share are a tenth of a newton."""
-    names = ", ".join(f"{trial.name} ({len(trial.load)} samples, {trial.body_weight:g} N)" for trial in trials)
+    names = ", ".join(
+        f"{trial.name} ({len(trial.load)} samples, {trial.body_weight:g} N)" for trial in trials
+    )
     written = "curve" if found.curve else "table"
     missed = ", ".join(f"{error:.3f}" for error in found.errors[written])
     left_out = "the trial was left out" if len(trials) > 1 else "quarters of it were left out"
-    notes = [f"Fitted by knee-contact fit-share {__version__} to {names}: {found.form}.",
-             f"RMS error of the medial force where {left_out} [BW]: {missed}."]  # fmt: skip
+    notes = [
+        f"Fitted by knee-contact fit-share {__version__} to {names}: {found.form}.",
+        f"RMS error of the medial force where {left_out} [BW]: {missed}.",
+    ]
     if not math.isnan(found.spacing):
         notes.append(f"Its frontal moments fit load.compartment_spacing {found.spacing:.4f} m.")
     return share_csv(
-        found.table, [*(f"Source: {line.strip()}" for line in source.splitlines() if line.strip()), *notes]
+        found.table,
+        [*(f"Source: {line.strip()}" for line in source.splitlines() if line.strip()), *notes],
     )
 
 
@@ -441,8 +540,15 @@ def _show(trials: Sequence[Trial], found: Found) -> None:
     rows = []
     for place, trial in enumerate(trials):
         errors = [each[place] for each in found.errors.values()]
-        rows.append([shown(trial.name), *(f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in errors)])
-    show_table(["trial", *found.errors], rows, right=found.errors, title=title, title_justify="left")
+        rows.append(
+            [
+                shown(trial.name),
+                *(f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in errors),
+            ]
+        )
+    show_table(
+        ["trial", *found.errors], rows, right=found.errors, title=title, title_justify="left"
+    )
     say(f"Fitted to all: {found.form}")
     if not math.isnan(found.spacing):
         say(f"For moment_balance: load.compartment_spacing: {found.spacing:.4f}")

@@ -37,7 +37,14 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest, model_digest, weight_of
 from knee_contact_ros.bags.reader import BagReader
@@ -94,11 +101,14 @@ WAITING = 4
 """Blocks submitted per thread of the workers, so that a cluster that scales itself sees the work waiting"""
 REST = "finished cases are kept; the same command computes the rest"
 LOGS = ("distributed", "tornado", "asyncio")
-DASK: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
-    f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
-} | {
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None, "distributed.worker.profile.enabled": False
-}  # fmt: skip
+DASK: dict[str, object] = (
+    {f"logging.{name}": "critical" for name in LOGS}
+    | {f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")}
+    | {
+        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+        "distributed.worker.profile.enabled": False,
+    }
+)
 """Settings: no logs, no web page, no profiler, and workers keep freed memory that they soon need again"""
 
 
@@ -128,7 +138,9 @@ class Spaced(Part):
     @model_validator(mode="after")
     def _in_order(self) -> Spaced:
         if not self.start < self.stop or (self.scale == "log" and self.start <= 0.0):
-            raise ValueError("0 < from < to is required" if self.scale == "log" else "from < to is required")
+            raise ValueError(
+                "0 < from < to is required" if self.scale == "log" else "from < to is required"
+            )
         return self
 
     def at(self, fractions: Floats) -> Floats:
@@ -137,7 +149,9 @@ class Spaced(Part):
             values = self.start + (self.stop - self.start) * fractions
         else:
             values = np.exp(math.log(self.start) + math.log(self.stop / self.start) * fractions)
-        return np.asarray(np.clip(values, self.start, self.stop))  # rounding must not leave what is allowed
+        return np.asarray(
+            np.clip(values, self.start, self.stop)
+        )  # rounding must not leave what is allowed
 
 
 def _listed(given: Any) -> Any:
@@ -191,7 +205,9 @@ class Sample(Design):
 
         if self.method == "latin_hypercube":
             return np.asarray(qmc.LatinHypercube(size, seed=self.seed).random(self.n))
-        return np.asarray(qmc.Sobol(size, seed=self.seed).random_base2(math.ceil(math.log2(self.n)))[: self.n])
+        return np.asarray(
+            qmc.Sobol(size, seed=self.seed).random_base2(math.ceil(math.log2(self.n)))[: self.n]
+        )
 
 
 class Study(Part):
@@ -204,7 +220,8 @@ class Study(Part):
     bags: Annotated[list[str], Field(min_length=1)]
     params: Annotated[list[str | list[str]], Field(min_length=1)] = ["healthy"]
     values: Annotated[
-        Values, BeforeValidator(lambda given: dotted(given) if isinstance(given, Mapping) else given)
+        Values,
+        BeforeValidator(lambda given: dotted(given) if isinstance(given, Mapping) else given),
     ] = {}
     grid: dict[str, Annotated[list[Any], BeforeValidator(_listed), Field(min_length=1)]] = {}
     sample: Sample | None = None
@@ -229,7 +246,9 @@ class Study(Part):
     @property
     def number(self) -> int:
         """Number of cases."""
-        variants = math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
+        variants = math.prod(map(len, self.grid.values())) * (
+            self.design.number if self.design else 1
+        )
         return len(self.knees) * variants
 
     def variants(self) -> Iterator[Values]:
@@ -243,15 +262,25 @@ class Study(Part):
         if self.number > MOST:
             raise UsageError(f"{self.number} cases are not allowed; {MOST} at most")
         ranges, known = self.design.ranges if self.design else {}, known_parameters()
-        given = [*self.names, *self.values, *(f"{bag} with {list(params)}" for bag, params in self.knees)]
+        given = [
+            *self.names,
+            *self.values,
+            *(f"{bag} with {list(params)}" for bag, params in self.knees),
+        ]
         given += [f"{name} {value!r}" for name, values in self.grid.items() for value in values]
         if twice := [one for one, count in Counter(given).items() if count > 1]:
             raise UsageError(f"{twice[0]} is given twice")
         checked_names(self.names)
-        if whole := [name for name in ranges if name in known and not isinstance(known[name].default, float)]:
-            raise UsageError(f"{whole[0]}: a range is not allowed; only a real number can have one")
+        if whole := [
+            name for name in ranges if name in known and not isinstance(known[name].default, float)
+        ]:
+            raise UsageError(
+                f"{whole[0]}: a range is not allowed; only a real number can have one"
+            )
         ends = {name: [axis.start, axis.stop] for name, axis in ranges.items()}
-        for name, allowed in (self.grid | ends | {name: [value] for name, value in self.values.items()}).items():
+        for name, allowed in (
+            self.grid | ends | {name: [value] for name, value in self.values.items()}
+        ).items():
             for value in allowed:
                 check_value(name, value)
         return self
@@ -323,8 +352,13 @@ def groups_of(study: Study) -> list[Group]:
     for name, several in itertools.groupby(study.knees, lambda knee: knee[0]):
         place = name if ADDRESS.search(name) else str(expanded(name).absolute())
         with here(place) as (path, digest):
-            files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
-            ticks, weight = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK), weight_of(path)
+            files = (
+                [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+            )
+            ticks, weight = (
+                max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK),
+                weight_of(path),
+            )
             with BagReader(path, {}) as reader:
                 damage = in_a_line(reader.damage)
             doubts = () if "params" in study.model_fields_set else tuple(recorded_doubt(path))
@@ -367,8 +401,14 @@ class Group(NamedTuple):
             texts = file_texts(parameters, self.files)
         except UsageError:
             parameters, texts, rest = self.parameters, {}, sorted(values.items())
-        left_out = NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL_KNEE)
-        counted = {name: own for name, own in all_values(parameters).items() if not name.startswith(left_out)}
+        left_out = (
+            NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL_KNEE)
+        )
+        counted = {
+            name: own
+            for name, own in all_values(parameters).items()
+            if not name.startswith(left_out)
+        }
         counted |= {name: _digest(text) for name, text in texts.items()}
         return _digest(repr((what_answers(), self.digest, counted, rest)))
 
@@ -391,7 +431,9 @@ class Block(NamedTuple):
     cases: tuple[Values, ...]
 
 
-def blocks_of(study: Study, groups: Sequence[Group], known: Container[str], used: set[str]) -> Iterator[Block]:
+def blocks_of(
+    study: Study, groups: Sequence[Group], known: Container[str], used: set[str]
+) -> Iterator[Block]:
     """Yield the cases that are not `known` in blocks, made on demand, and add the keys of all cases to `used`."""
 
     def missing(group: Group) -> Iterator[tuple[str, Values]]:
@@ -403,13 +445,26 @@ def blocks_of(study: Study, groups: Sequence[Group], known: Container[str], used
 
     variants = study.number // len(groups)
     for group in groups:
-        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing(group)
+        size, left = (
+            max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)),
+            missing(group),
+        )
         while cases := list(itertools.islice(left, size)):
-            inputs = group.place, group.digest, group.parameters, tuple(sorted(group.files.items()))
+            inputs = (
+                group.place,
+                group.digest,
+                group.parameters,
+                tuple(sorted(group.files.items())),
+            )
             yield Block(
-                group.bag, group.params, inputs, what_answers(), study.number, study.series,
+                group.bag,
+                group.params,
+                inputs,
+                what_answers(),
+                study.number,
+                study.series,
                 *zip(*cases, strict=True),
-            )  # fmt: skip
+            )
 
 
 Answered = tuple[bytes, bytes, list[str], tuple[str, ...]]
@@ -424,23 +479,36 @@ def compute_block(block: Block) -> Answered:
         UsageError: the bag cannot be used, or the worker has another version of the model.
     """
     if block.model != what_answers():
-        raise UsageError(f"{_worker()} has another version of knee_contact_ros; install the same one")
+        raise UsageError(
+            f"{_worker()} has another version of knee_contact_ros; install the same one"
+        )
     knees = _knees(*block.inputs)
     compiled = worth_compiling(block.number * len(knees.recording.steps))
     computed = compute(knees, block.cases, series=block.series, compiled=compiled)
-    if not gc.get_freeze_count():  # thousands of cases start many collections, a quarter of a second each
+    if (
+        not gc.get_freeze_count()
+    ):  # thousands of cases start many collections, a quarter of a second each
         gc.freeze()
     series = _series(block.keys, computed) if block.series else b""
-    return _table(block, knees, computed), series, [*filter(None, computed.failed)], knees.recording.doubts
+    return (
+        _table(block, knees, computed),
+        series,
+        [*filter(None, computed.failed)],
+        knees.recording.doubts,
+    )
 
 
 @lru_cache(4)
-def _knees(place: str, digest: str, parameters: Parameters, files: tuple[tuple[str, str], ...]) -> Knees:
+def _knees(
+    place: str, digest: str, parameters: Parameters, files: tuple[tuple[str, str], ...]
+) -> Knees:
     with here(place) as (path, found):
         if found != digest:
             raise UsageError(f"bag {place}: {_worker()} finds different content from the client's")
         known = dict(files)
-        return Knees(read_recording(path, parameters, file_texts(parameters, known))[0], parameters, known)
+        return Knees(
+            read_recording(path, parameters, file_texts(parameters, known))[0], parameters, known
+        )
 
 
 def _worker() -> str:
@@ -453,20 +521,32 @@ def _table(block: Block, knees: Knees, computed: Computed) -> bytes:
     """Make the rows of a block's cases: names, all parameters that may vary, outcomes, and why a case failed."""
     import pandas as pd
 
-    common = {name: value for name, value in all_values(knees.parameters).items() if name.startswith(SECTIONS)}
+    common = {
+        name: value
+        for name, value in all_values(knees.parameters).items()
+        if name.startswith(SECTIONS)
+    }
     varied = {*block.cases[0], *(LATERAL_KNEE + name for name in block.cases[0])}
-    rows = [values if own is None else all_values(own)
-            for own, values in zip(computed.parameters, block.cases, strict=True)]  # fmt: skip
+    rows = [
+        values if own is None else all_values(own)
+        for own, values in zip(computed.parameters, block.cases, strict=True)
+    ]
     before = {"case": block.keys, "bag": block.bag, "params": " + ".join(block.params)}
-    columns = {name: [row.get(name, value) for row in rows] if name in varied else value
-               for name, value in common.items()}  # fmt: skip
-    outcomes = [pd.DataFrame(rows).add_prefix(prefix)
-                for prefix, rows in zip(("", LATERAL), computed.outcomes, strict=True)]  # fmt: skip
+    columns = {
+        name: [row.get(name, value) for row in rows] if name in varied else value
+        for name, value in common.items()
+    }
+    outcomes = [
+        pd.DataFrame(rows).add_prefix(prefix)
+        for prefix, rows in zip(("", LATERAL), computed.outcomes, strict=True)
+    ]
     after = pd.DataFrame({"failed": computed.failed, "seconds": computed.seconds})
     kinds = {name: type(value) for name, value in common.items()}
     table = pd.concat([pd.DataFrame(before | columns).astype(kinds), *outcomes, after], axis=1)
     table.attrs["varied"] = sorted(block.cases[0])
-    content: bytes = table.to_parquet(None, compression="zstd", index=False, write_page_checksum=True)
+    content: bytes = table.to_parquet(
+        None, compression="zstd", index=False, write_page_checksum=True
+    )
     return content
 
 
@@ -475,13 +555,17 @@ def _series(keys: Sequence[str], computed: Computed) -> bytes:
     import pandas as pd
 
     parts = []
-    for place, (side, answers) in enumerate(zip(("medial", "lateral"), computed.series, strict=False)):
+    for place, (side, answers) in enumerate(
+        zip(("medial", "lateral"), computed.series, strict=False)
+    ):
         known = computed.has(place)
         rows = answers[known].ravel().view(FLAT)
         columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
         cases = np.repeat(np.array(keys)[known], answers.shape[1])
         parts.append(pd.DataFrame({"case": cases, "compartment": side, **columns}))
-    content: bytes = pd.concat(parts).to_parquet(None, compression="zstd", index=False, write_page_checksum=True)
+    content: bytes = pd.concat(parts).to_parquet(
+        None, compression="zstd", index=False, write_page_checksum=True
+    )
     return content
 
 
@@ -512,7 +596,9 @@ class Shards:
             raise
         except Exception as error:  # a boundary: each kind of store has errors of its own
             full = isinstance(error, OSError) and error.errno in FULL
-            raise (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}") from None
+            raise (IncompleteError if full else UsageError)(
+                f"output {self.url}: {reason(error)}"
+            ) from None
 
     def names(self, folder: str = "") -> list[str]:
         """Names of the shards in the folder of results, or in a folder inside it.
@@ -529,7 +615,9 @@ class Shards:
         names = sorted(name for name in entries if not name.startswith(("_", ".")))
         for name in names:
             if not (name.startswith("cases-") and name.endswith(".parquet")):
-                raise UsageError(f"output {self.url}: holds {name}, which is not a result of a study")
+                raise UsageError(
+                    f"output {self.url}: holds {name}, which is not a result of a study"
+                )
         return names
 
     def read(self, *columns: str) -> Any:
@@ -546,7 +634,9 @@ class Shards:
         for name in self.names():
             try:  # from bytes: Arrow's threads would release a Python file after Python's end, and abort
                 content = pa.BufferReader(self.files.cat_file(f"{self.folder}/{name}"))
-                whole = pq.read_table(content, page_checksum_verification=True)  # damage anywhere is found
+                whole = pq.read_table(
+                    content, page_checksum_verification=True
+                )  # damage anywhere is found
                 parts.append(whole.select(["case", *columns]).to_pandas())
             except Exception as error:  # a boundary: damaged files raise what they like
                 why = reason(error).splitlines()[0]
@@ -588,7 +678,10 @@ def workers_of(number: int, scheduler: str) -> Iterator[Any]:
         IncompleteError: no process can be started.
     """
     from dask import config
-    from distributed import Client, LocalCluster  # before the settings: it adds its own, which must outlive the context
+    from distributed import (
+        Client,
+        LocalCluster,
+    )  # before the settings: it adds its own, which must outlive the context
     from distributed.comm import parse_address
     from distributed.comm.registry import get_backend
 
@@ -600,15 +693,25 @@ def workers_of(number: int, scheduler: str) -> Iterator[Any]:
             if scheduler:  # a client of an unknown kind of address would wait for it at the end
                 get_backend(parse_address(scheduler)[0])
             with _ignoring_interrupts():
-                cluster = scheduler or opened.enter_context(LocalCluster(
-                    n_workers=number or None, threads_per_worker=1, processes=True, host="127.0.0.1",
-                    dashboard_address=None, silence_logs=logging.CRITICAL,
-                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                ))  # fmt: skip
+                cluster = scheduler or opened.enter_context(
+                    LocalCluster(
+                        n_workers=number or None,
+                        threads_per_worker=1,
+                        processes=True,
+                        host="127.0.0.1",
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL,
+                        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                    )
+                )
             client = opened.enter_context(Client(cluster, timeout=PATIENCE, set_as_default=False))
-        except Exception as error:  # a boundary: an address may be of a kind that needs another library
+        except (
+            Exception
+        ) as error:  # a boundary: an address may be of a kind that needs another library
             if scheduler:
-                raise UsageError(f"scheduler {scheduler}: cannot be reached: {reason(error)}") from None
+                raise UsageError(
+                    f"scheduler {scheduler}: cannot be reached: {reason(error)}"
+                ) from None
             raise IncompleteError(f"no workers can be started: {reason(error)}") from None
         if scheduler and not client.nthreads():
             warn([f"scheduler {scheduler}: it has no workers yet; waiting"])
@@ -657,15 +760,21 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
         raise
     except KilledWorker:
         where = f"{len(block.keys)} cases of bag {block.bag}"
-        raise IncompleteError(f"workers died repeatedly at {where}: is there too little memory? {REST}") from None
-    except Exception as error:  # a boundary: whatever a worker may lack or meet; or the scheduler is gone
+        raise IncompleteError(
+            f"workers died repeatedly at {where}: is there too little memory? {REST}"
+        ) from None
+    except (
+        Exception
+    ) as error:  # a boundary: whatever a worker may lack or meet; or the scheduler is gone
         if future is None or future.status != "error":
             raise IncompleteError(f"the scheduler no longer answers; {REST}") from None
         failure = f"{type(error).__name__}: {reason(error)}"
         raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
 
 
-def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") -> tuple[int, int, int, str]:
+def run_study(
+    study: Study, output: str, workers: int = 0, scheduler: str = ""
+) -> tuple[int, int, int, str]:
     """Compute the missing cases of a study, with a bar, and say how many there were.
 
     Args:
@@ -682,19 +791,31 @@ def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") 
         UsageError: bag, parameters, folder or scheduler cannot be used.
         IncompleteError: a disk is full, or workers died repeatedly.
     """
-    count, failed, doubts, used, shards = 0, list[str](), dict[str, None](), set[str](), Shards(output)
+    count, failed, doubts, used, shards = (
+        0,
+        list[str](),
+        dict[str, None](),
+        set[str](),
+        Shards(output),
+    )
     with progress("Computing") as advance:
         groups, known = groups_of(study), dict(shards.read("failed").get("failed", {}))
         if study.series and set(shards.names()) - set(shards.names(SERIES)):
-            raise UsageError(f"output {output}: holds cases without their series; use a new folder")
+            raise UsageError(
+                f"output {output}: holds cases without their series; use a new folder"
+            )
         for name in set(shards.names(SERIES)) - set(shards.names()) if study.series else ():
             with shards.errors():  # its cases are computed again
                 shards.files.rm_file(f"{shards.folder}/{SERIES}/{name}")
-        doubts |= dict.fromkeys(f"bag {group.bag}: {sentence}" for group in groups for sentence in group.doubts)
+        doubts |= dict.fromkeys(
+            f"bag {group.bag}: {sentence}" for group in groups for sentence in group.doubts
+        )
         blocks = blocks_of(study, groups, known, used)
         if first := next(blocks, None):
             with workers_of(workers, scheduler) as client:
-                for block, (table, series, why, doubted) in computed_by(client, itertools.chain([first], blocks)):
+                for block, (table, series, why, doubted) in computed_by(
+                    client, itertools.chain([first], blocks)
+                ):
                     name = f"cases-{_digest(' '.join(block.keys))}.parquet"
                     if study.series:
                         shards.put(f"{SERIES}/{name}", series)
@@ -706,8 +827,13 @@ def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") 
     failed += [known[key] for key in used if known.get(key)]
     there, same = len(used) - count, study.number - len(used)
     others = f"{same} the same as others, " if same else ""
-    say(f"{study.number} cases: {count} computed, {there} were there already, {others}{len(failed)} failed")
+    say(
+        f"{study.number} cases: {count} computed, {there} were there already, {others}{len(failed)} failed"
+    )
     missing = [f"{len(failed)} of {len(used)} cases failed: {min(failed)}"] if failed else []
-    missing += [f"bag {group.bag} is damaged, and computed as far as it can be read: {group.damage}"
-                for group in groups if group.damage]  # fmt: skip
+    missing += [
+        f"bag {group.bag} is damaged, and computed as far as it can be read: {group.damage}"
+        for group in groups
+        if group.damage
+    ]
     return there + same, count, len(failed), "; ".join(dict.fromkeys(missing))

@@ -53,23 +53,39 @@ Floats = NDArray[np.float64]
 
 
 OUTCOMES = {
-    "peak_force": "N", "peak_depth": "m", "peak_pressure": "Pa", "peak_strain": "", "peak_loading_rate": "N/s",
-    "impulse": "N s", "contact_time": "s", "bone_time": "s", "path_length": "m", "sliding_distance": "m",
-    "error_bound": "m", "force_error_bound": "N", "not_converged": "", "implausible": "", "ticks": "",
+    "peak_force": "N",
+    "peak_depth": "m",
+    "peak_pressure": "Pa",
+    "peak_strain": "",
+    "peak_loading_rate": "N/s",
+    "impulse": "N s",
+    "contact_time": "s",
+    "bone_time": "s",
+    "path_length": "m",
+    "sliding_distance": "m",
+    "error_bound": "m",
+    "force_error_bound": "N",
+    "not_converged": "",
+    "implausible": "",
+    "ticks": "",
     "evaluations": "",
-}  # fmt: skip
+}
 """SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md explains them. Pressure is
 the static force over the patch (readouts); integrals are by the trapezoidal rule, without pauses longer than `GAP`"""
 OF_A_RUN = np.dtype([(name, np.float64) for name in OUTCOMES])
 """Record of the outcomes of a run, with a field for each"""
 LARGEST = {
-    "peak_force": "contact_force", "peak_depth": "penetration_depth", "error_bound": "error_estimate",
+    "peak_force": "contact_force",
+    "peak_depth": "penetration_depth",
+    "error_bound": "error_estimate",
     "force_error_bound": "force_error_estimate",
-}  # fmt: skip
+}
 """Outcomes that are the largest value of a field over all answers, with the field's name"""
 
 
-def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list[ContactPatch | None]) -> NDArray[Any]:
+def outcomes(
+    answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list[ContactPatch | None]
+) -> NDArray[Any]:
     """Compute the outcomes of several runs.
 
     Args:
@@ -85,12 +101,16 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
     steps = np.where(steps > GAP * NANOSECOND, 0.0, steps)  # nothing is known of a hole in a bag
     weights = 0.5 * (steps + np.append(steps[1:], 0.0))
     force, state, status = (
-        np.ascontiguousarray(answers[name]) for name in ("contact_force", "contact_state", "status")
-    )  # fmt: skip
+        np.ascontiguousarray(answers[name])
+        for name in ("contact_force", "contact_state", "status")
+    )
     touching = state != ContactState.SEPARATED
     for name, field in LARGEST.items():
         rows[name] = answers[field].max(axis=1)
-    rows["impulse"], rows["contact_time"] = _over_time(force, weights), _over_time(touching, weights)
+    rows["impulse"], rows["contact_time"] = (
+        _over_time(force, weights),
+        _over_time(touching, weights),
+    )
     rows["bone_time"] = _over_time(state == ContactState.BONE, weights)
     follows = steps[1:] > 0.0
     stays = touching[:, 1:] & touching[:, :-1] & follows
@@ -101,7 +121,10 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
     if follows.any():
         rates = np.diff(force, axis=1)[:, follows] / steps[1:][follows]
         rows["peak_loading_rate"] = np.maximum(rates.max(axis=1), 0.0)
-    for name, bit in (("not_converged", Status.NOT_CONVERGED), ("implausible", Status.IMPLAUSIBLE)):
+    for name, bit in (
+        ("not_converged", Status.NOT_CONVERGED),
+        ("implausible", Status.IMPLAUSIBLE),
+    ):
         rows[name] = np.count_nonzero(status & np.uint8(bit), axis=1)
     rows["ticks"], rows["evaluations"] = answers.shape[1], answers["evaluations"].sum(axis=1)
     rows["peak_pressure"] = [
@@ -128,7 +151,9 @@ def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float
     The ratio of force to depth is largest at an end of a layer, since the force is convex within a layer.
     """
     ends = [layer.begin for layer in law.layers if 0.0 < layer.begin < deepest]
-    over = max((law.static_force(depth) / depth for depth in (*ends, deepest) if depth > 0.0), default=0.0)
+    over = max(
+        (law.static_force(depth) / depth for depth in (*ends, deepest) if depth > 0.0), default=0.0
+    )
     return patch.spread.peak * over / (np.pi * patch.spread.area * patch.radius)
 
 
@@ -138,7 +163,16 @@ LATERAL = "lateral_"
 """Beginning of the names of the outcomes of the lateral compartment"""
 KEPT = 64
 """Number of pairs of surfaces, and of series of loads, that are kept for later cases with the same ones"""
-SECTIONS = ("load.", "femur.", "tibia.", "translation.", "contact.", "lateral.", "fidelity.", "body_weight")
+SECTIONS = (
+    "load.",
+    "femur.",
+    "tibia.",
+    "translation.",
+    "contact.",
+    "lateral.",
+    "fidelity.",
+    "body_weight",
+)
 """Beginnings of the names of the parameters that a study may vary; the others say how a bag is read or recorded"""
 TOGETHER = 16_384
 """Number of answers that a thread holds at a time: about 4 MB, which fit into a processor's cache"""
@@ -173,9 +207,14 @@ class Recording(NamedTuple):
 
 
 def read_recording(
-    bag: Path, basis: Parameters | Provenance, texts: Mapping[str, str], names: Names = OWN_NAMES,
-    advance: Callable[[int, int], None] = lambda _done, _total: None, *, compiled: bool | None = None,
-) -> tuple[Recording, tuple[Rows, ...]]:  # fmt: skip
+    bag: Path,
+    basis: Parameters | Provenance,
+    texts: Mapping[str, str],
+    names: Names = OWN_NAMES,
+    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    *,
+    compiled: bool | None = None,
+) -> tuple[Recording, tuple[Rows, ...]]:
     """Read the inputs of all ticks from a bag.
 
     Args:
@@ -204,10 +243,20 @@ def read_recording(
         stream.rule = Noting(**vars(stream.rule))
 
     summary = solve(
-        bag, basis, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts
+        bag,
+        basis,
+        None,
+        advance,
+        names=names,
+        compiled=compiled,
+        keep=blocks.append,
+        prepare=listen,
+        curves=texts,
     )
     columns = [[np.atleast_1d(one) for one in column] for column in zip(*inputs, strict=True)]
-    axial, moment, angles = (np.ascontiguousarray(np.concatenate(column), dtype=float) for column in columns)
+    axial, moment, angles = (
+        np.ascontiguousarray(np.concatenate(column), dtype=float) for column in columns
+    )
     rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
     stamps, height = rows[0]["stamp"].copy(), rows[0]["femoral_height"].copy()
     steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
@@ -215,13 +264,17 @@ def read_recording(
     if parameters_in(basis).drive != "displacement":
         height[:] = np.nan
     doubts = tuple(filter(None, (*summary.warnings, summary.unanswered)))
-    return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage), doubts), rows
+    return Recording(
+        stamps, steps, angles, axial, moment, height, tuple(summary.damage), doubts
+    ), rows
 
 
 def recorded_doubt(bag: Path) -> list[str]:
     """Sentence that a recording is computed with other parameters than its own; empty list if the bag is none."""
     own = PROVENANCE in dict(metadata_of(bag))
-    return [f"it is a recording; without params its own parameters are not used, but {DEFAULT_PARAMETERS}"] * own
+    return [
+        f"it is a recording; without params its own parameters are not used, but {DEFAULT_PARAMETERS}"
+    ] * own
 
 
 class Side(NamedTuple):
@@ -237,7 +290,9 @@ class Side(NamedTuple):
 class Knees:
     """Makes the knees of one recording and one set of parameters, some of which vary."""
 
-    def __init__(self, recording: Recording, parameters: Parameters, files: Mapping[str, str]) -> None:
+    def __init__(
+        self, recording: Recording, parameters: Parameters, files: Mapping[str, str]
+    ) -> None:
         """Set what all knees have in common; `files` has contents of files by name, other files are read.
 
         Raises:
@@ -259,11 +314,20 @@ class Knees:
         medial = self._medial(parameters.load, parameters.body_weight)
         parts = [(parameters, texts, medial, -z)]
         if has_both(parameters):
-            parts.append((lateral_knee(parameters), lateral_texts(texts), self.recording.axial - medial, z))
+            parts.append(
+                (lateral_knee(parameters), lateral_texts(texts), self.recording.axial - medial, z)
+            )
         sides = []
         for own, files, loads, place in parts:
-            pair = _surfaces(own.femur.model_copy(update={"mass": 1.0}), own.tibia, own.translation, *files.items())
-            sides.append(Side(replace(build_model(own, pair=pair), compiled=compiled), loads, place))
+            pair = _surfaces(
+                own.femur.model_copy(update={"mass": 1.0}),
+                own.tibia,
+                own.translation,
+                *files.items(),
+            )
+            sides.append(
+                Side(replace(build_model(own, pair=pair), compiled=compiled), loads, place)
+            )
         return tuple(sides)
 
     def _made_medial(self, load: Any, body_weight: float) -> Floats:
@@ -273,7 +337,9 @@ class Knees:
         rule = load_rule(parameters, file_texts(parameters, self.files))
         if rule.by_moment and np.isnan(recording.moment).any():
             raise UsageError("gait: load rule moment_balance needs frontal_moment")
-        loads = np.ascontiguousarray(rule(recording.axial, recording.moment, recording.angles), dtype=float)
+        loads = np.ascontiguousarray(
+            rule(recording.axial, recording.moment, recording.angles), dtype=float
+        )
         if recording.share:
             loads = loads + recording.share * recording.axial
         _refuse_beyond("load", loads, LARGEST_LOAD, "N")
@@ -342,7 +408,12 @@ class Computed(NamedTuple):
 
 
 def compute(
-    knees: Knees, cases: Sequence[Values], *, series: bool = False, threads: int = 1, compiled: bool
+    knees: Knees,
+    cases: Sequence[Values],
+    *,
+    series: bool = False,
+    threads: int = 1,
+    compiled: bool,
 ) -> Computed:
     """Compute cases; the answers have the same bits as a run of each case alone.
 
@@ -360,7 +431,9 @@ def compute(
     for i, values in enumerate(cases):
         try:
             own = knees.varied(values)
-            runs += [(i, place, side) for place, side in enumerate(knees.sides(own, compiled=compiled))]
+            runs += [
+                (i, place, side) for place, side in enumerate(knees.sides(own, compiled=compiled))
+            ]
             parameters[i] = own
         except (UsageError, ValueError) as error:
             failed[i] = str(error)
@@ -372,7 +445,9 @@ def compute(
         part = runs[first : first + count]
         answers = _answers(recording, [side for *_, side in part])
         models = [side.model for *_, side in part]
-        rows = outcomes(answers, recording.steps, [one.law for one in models], [one.patch for one in models])
+        rows = outcomes(
+            answers, recording.steps, [one.law for one in models], [one.patch for one in models]
+        )
         for (i, place, side), row, answer in zip(part, rows, answers, strict=True):
             found[place][i] = row
             if kept:
@@ -384,13 +459,17 @@ def compute(
     count = max(1, TOGETHER // ticks)
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
         list(pool.map(some, range(0, len(runs), count)))
-    return Computed(parameters, failed, found, kept, (time.perf_counter() - begun) / max(number, 1))
+    return Computed(
+        parameters, failed, found, kept, (time.perf_counter() - begun) / max(number, 1)
+    )
 
 
 def _answers(recording: Recording, sides: Sequence[Side]) -> Rows:
     """Compute k compartments through a recording, shape (k, n)."""
     answers = np.zeros((len(sides), len(recording.steps)), ROW)
-    samples = np.column_stack([recording.steps, recording.angles, np.zeros_like(recording.steps), recording.heights])
+    samples = np.column_stack(
+        [recording.steps, recording.angles, np.zeros_like(recording.steps), recording.heights]
+    )
     for side, own in zip(sides, answers, strict=True):
         samples[:, 2] = side.loads
         for begin, end in zip(recording.begins, recording.begins[1:], strict=False):
@@ -421,7 +500,9 @@ class Cohort:
     """
 
     def __repr__(self) -> str:
-        varied = ", ".join(f"{name} {np.min(own)} to {np.max(own)}" for name, own in self.values.items())
+        varied = ", ".join(
+            f"{name} {np.min(own)} to {np.max(own)}" for name, own in self.values.items()
+        )
         return f"<Cohort: {len(self.failed)} cases, {np.count_nonzero(self.failed)} failed; varied: {varied}>"
 
     def __getattr__(self, name: str) -> Any:
@@ -436,16 +517,26 @@ class Cohort:
 
         columns: dict[str, Any] = dict(self.values)
         for prefix, rows in (("", self.outcomes), ("lateral_", self.lateral)):
-            columns |= {prefix + name: rows[name] for name in OF_A_RUN.names or ()} if rows is not None else {}
+            columns |= (
+                {prefix + name: rows[name] for name in OF_A_RUN.names or ()}
+                if rows is not None
+                else {}
+            )
         table = pd.DataFrame(columns | {"failed": self.failed})
         table.attrs["varied"] = list(self.values)
         return table
 
 
 def sweep(
-    gait: Name | Mapping[str, ArrayLike], values: Mapping[str, ArrayLike], params: Source = DEFAULT_PARAMETERS, *,
-    remap: Mapping[str, str] | None = None, namespace: str = "", series: bool = False, threads: int = 0,
-) -> Cohort:  # fmt: skip
+    gait: Name | Mapping[str, ArrayLike],
+    values: Mapping[str, ArrayLike],
+    params: Source = DEFAULT_PARAMETERS,
+    *,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+    series: bool = False,
+    threads: int = 0,
+) -> Cohort:
     """Compute many knees through one gait; the answers have the same bits as a run of each knee alone.
 
     Args:
@@ -474,8 +565,12 @@ def sweep(
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
             parameters = parameters_for(expanded(str(gait)), sources)
-            names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
-            recording, _ = read_recording(expanded(str(gait)), parameters, file_texts(parameters, files), names)
+            names = names_in_bag(
+                [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace
+            )
+            recording, _ = read_recording(
+                expanded(str(gait)), parameters, file_texts(parameters, files), names
+            )
             own = recorded_doubt(expanded(str(gait))) if params == DEFAULT_PARAMETERS else []
             warn_of(expanded(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
@@ -484,7 +579,9 @@ def sweep(
     medial, lateral = (rows.view(Records) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     both = computed.has(1).any()
-    return Cohort(varied, medial, lateral if both else None, np.array(computed.failed), *computed.series)
+    return Cohort(
+        varied, medial, lateral if both else None, np.array(computed.failed), *computed.series
+    )
 
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
@@ -492,13 +589,17 @@ def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     flat = {name: np.asarray(column) for name, column in dotted(values).items()}
     checked_names(flat)
     try:
-        columns = [column.tolist() for column in np.broadcast_arrays(*flat.values(), np.zeros(1))[:-1]]
+        columns = [
+            column.tolist() for column in np.broadcast_arrays(*flat.values(), np.zeros(1))[:-1]
+        ]
         rows = [dict(zip(flat, row, strict=True)) for row in zip(*columns, strict=True)]
     except ValueError:
         rows = []
     if not rows or any(column.ndim > 1 for column in flat.values()):
         shapes = ", ".join(f"{name} {column.shape}" for name, column in flat.items()) or "none"
-        raise UsageError(f"values: {shapes} is not allowed; arrays of one length, or single values")
+        raise UsageError(
+            f"values: {shapes} is not allowed; arrays of one length, or single values"
+        )
     for name, column in zip(flat, columns, strict=True):
         for value in set(column) if isinstance(column[0], str) else {min(column), max(column)}:
             check_value(name, value)
@@ -509,15 +610,21 @@ def _recording(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recordi
     """Make a recording from arrays; refuse those that are missing for the parameters or do not fit."""
     known = ("time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height")
     moved, by_moment = parameters.drive == "displacement", parameters.load.rule == "moment_balance"
-    needed, allowed = ((*known[:2], known[4]), known) if moved else (known[: 3 + by_moment], known[:4])
+    needed, allowed = (
+        ((*known[:2], known[4]), known) if moved else (known[: 3 + by_moment], known[:4])
+    )
     if not {*needed} <= set(gait) <= {*allowed}:
         told = f"these parameters need {', '.join(needed)} and allow {', '.join(allowed)}"
         raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {told}")
     columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
     time = columns["time"]
-    if any(column.shape != time.shape or column.ndim != 1 for column in columns.values()) or not len(time):
+    if any(
+        column.shape != time.shape or column.ndim != 1 for column in columns.values()
+    ) or not len(time):
         raise UsageError("gait: the arrays must be one-dimensional and of equal length")
-    if any(map(np.ma.is_masked, gait.values())) or not all(np.isfinite(column).all() for column in columns.values()):
+    if any(map(np.ma.is_masked, gait.values())) or not all(
+        np.isfinite(column).all() for column in columns.values()
+    ):
         raise UsageError("gait: the arrays must be finite, and not masked")
     stamps = np.rint(time / NANOSECOND).astype(np.int64)
     if (np.diff(stamps) <= 0).any():

@@ -48,7 +48,9 @@ HALF_DAY, DAY = 43_200.0, 86_400.0
 TIME, ANGLE, FORCE, MOMENT, LENGTH = "time", "angle", "force", "moment", "length"
 BODY_WEIGHT, PERCENT = "BW", "%BW"
 """Units of force that need the map's `body_weight`"""
-NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)|n/?a|#n/?a|#div/0!|null|none|-+", re.IGNORECASE)
+NOT_A_NUMBER = re.compile(
+    r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)|n/?a|#n/?a|#div/0!|null|none|-+", re.IGNORECASE
+)
 """Texts for a missing number, or on Windows infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, NA, #N/A, null, -"""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?)")
 """Numbers that may have a thousands mark: in 1.760 and 1,760 it may also be a decimal mark; 1.760,5 has one"""
@@ -68,21 +70,53 @@ SOME = 3
 UNITS: dict[str, dict[str, float]] = {
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     ANGLE: {"rad": 1.0, "deg": constants.degree, "mrad": 1e-3, "rev": 2.0 * math.pi},
-    FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": constants.lbf, "kgf": constants.kgf, BODY_WEIGHT: 1.0,
-            PERCENT: 0.01},
-    MOMENT: {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3, "lbf*in": constants.lbf * constants.inch,
-             "lbf*ft": constants.lbf * constants.foot},
+    FORCE: {
+        "N": 1.0,
+        "kN": 1e3,
+        "mN": 1e-3,
+        "lbf": constants.lbf,
+        "kgf": constants.kgf,
+        BODY_WEIGHT: 1.0,
+        PERCENT: 0.01,
+    },
+    MOMENT: {
+        "N*m": 1.0,
+        "N*mm": 1e-3,
+        "kN*m": 1e3,
+        "lbf*in": constants.lbf * constants.inch,
+        "lbf*ft": constants.lbf * constants.foot,
+    },
     LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-}  # fmt: skip
+}
 """Factors of units to s, rad, N (or body weights), N m and m, by quantity"""
 ALIASES = {
-    "sec": "s", "second": "s", "seconds": "s", "µs": "us", "μs": "us",
-    "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad",
-    "newton": "N", "newtons": "N", "lb": "lbf", "lbs": "lbf", "kp": "kgf", "kg": "kgf",
-    "µm": "um", "μm": "um",
-    "xbw": BODY_WEIGHT, "percentbw": PERCENT,
-}  # fmt: skip
-SPELT = {unit.replace("*", "").lower(): unit for units in UNITS.values() for unit in units if unit != "mN"} | ALIASES
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "µs": "us",
+    "μs": "us",
+    "degree": "deg",
+    "degrees": "deg",
+    "°": "deg",
+    "radian": "rad",
+    "radians": "rad",
+    "newton": "N",
+    "newtons": "N",
+    "lb": "lbf",
+    "lbs": "lbf",
+    "kp": "kgf",
+    "kg": "kgf",
+    "µm": "um",
+    "μm": "um",
+    "xbw": BODY_WEIGHT,
+    "percentbw": PERCENT,
+}
+SPELT = {
+    unit.replace("*", "").lower(): unit
+    for units in UNITS.values()
+    for unit in units
+    if unit != "mN"
+} | ALIASES
 """Units by what `spelt` leaves of them; MN is not mN"""
 OTHER_UNITS = {"g", "V", "mV", "W", "Hz"}
 """Units of other quantities, which only a factor can turn into one of ours"""
@@ -145,8 +179,14 @@ class Table(NamedTuple):
 
     def needed(self, names: Sequence[str], start: float | None, end: float | None) -> Table:
         """Leave out rows before `start` or after `end` [s] that lack a number in one of the columns `names`."""
-        first, last = (edge if s is None else s * NANOSECONDS for s, edge in ((start, -math.inf), (end, math.inf)))
-        return self.rows((self.stamps >= first) & (self.stamps <= last) | np.isfinite(self.columns(names)).all(axis=1))
+        first, last = (
+            edge if s is None else s * NANOSECONDS
+            for s, edge in ((start, -math.inf), (end, math.inf))
+        )
+        return self.rows(
+            (self.stamps >= first) & (self.stamps <= last)
+            | np.isfinite(self.columns(names)).all(axis=1)
+        )
 
     def rows(self, kept: NDArray[np.bool_]) -> Table:
         """Select rows by booleans, shape (n,)."""
@@ -185,26 +225,43 @@ class TableFormat(Section):
     """Format of the files, where it cannot be recognised."""
 
     header_line: int | None = Field(
-        None, ge=1, description="line with the names; default: the one with most of the names that the map has"
+        None,
+        ge=1,
+        description="line with the names; default: the one with most of the names that the map has",
     )
-    first_line: int | None = Field(None, ge=2, description="line of the first row; default: the first with a number")
-    delimiter: str | None = Field(None, min_length=1, max_length=1, description="default: as the names are divided")
+    first_line: int | None = Field(
+        None, ge=2, description="line of the first row; default: the first with a number"
+    )
+    delimiter: str | None = Field(
+        None, min_length=1, max_length=1, description="default: as the names are divided"
+    )
     decimal: Annotated[str, one_of("auto", ".", ",")] = Field(
         "auto", description="auto: a comma where columns are not divided by commas"
     )
-    encoding: str = Field("auto", description="as Python names it; auto: UTF-8, UTF-16 by its mark, or Windows-1252")
-    rows: dict[str, str | int | float] = Field({}, description="take only rows with these values in these columns")
+    encoding: str = Field(
+        "auto", description="as Python names it; auto: UTF-8, UTF-16 by its mark, or Windows-1252"
+    )
+    rows: dict[str, str | int | float] = Field(
+        {}, description="take only rows with these values in these columns"
+    )
 
 
 class TimeColumn(Section):
     """Time of each row."""
 
-    column: Column = Field("time", description="numbers of `unit`, times of day, or with `rate` frames")
+    column: Column = Field(
+        "time", description="numbers of `unit`, times of day, or with `rate` frames"
+    )
     unit: str = "s"
     rate: float | None = Field(
-        None, gt=0.0, le=1e6, description="[Hz] of the frames in `column`, or without `column` of the rows"
+        None,
+        gt=0.0,
+        le=1e6,
+        description="[Hz] of the frames in `column`, or without `column` of the rows",
     )
-    offset: float = Field(0.0, description="[s] added, so that recordings with large times begin near 0")
+    offset: float = Field(
+        0.0, description="[s] added, so that recordings with large times begin near 0"
+    )
 
     @property
     def places(self) -> list[Column]:
@@ -244,7 +301,9 @@ class Header(NamedTuple):
         if isinstance(name, int):
             return [name - 1] if 1 <= name <= len(self.names) else []
         found = [place for place, each in enumerate(self.names) if each == name]
-        return found or [place for place in range(len(self.names)) if name in self.qualified(place)]
+        return found or [
+            place for place in range(len(self.names)) if name in self.qualified(place)
+        ]
 
     def qualified(self, place: int) -> list[str]:
         """Names of a column with those above it, also without the part before their colon."""
@@ -257,7 +316,11 @@ class Header(NamedTuple):
         found = self.places(name)
         if len(found) > 1:
             full = [self.qualified(place)[:1] for place in found]
-            cure = f"say which: {', '.join(each[0] for each in full)}" if all(full) else "their names must differ"
+            cure = (
+                f"say which: {', '.join(each[0] for each in full)}"
+                if all(full)
+                else "their names must differ"
+            )
             raise UsageError(f"{self.path} has {len(found)} columns {name}; {cure}")
         if not found:
             hint = meant(str(name), self.names, f"it has {listed(self.names)}")
@@ -278,7 +341,9 @@ def factor(unit: str, kind: str, what: str, body_weight: float | None = None) ->
     """
     name, factors = spelt(unit), UNITS[kind]
     if name not in factors:
-        raise UsageError(f"{what}: unit {unit!r} is not one of a {kind}; allowed: {', '.join(factors)}")
+        raise UsageError(
+            f"{what}: unit {unit!r} is not one of a {kind}; allowed: {', '.join(factors)}"
+        )
     if name not in {BODY_WEIGHT, PERCENT}:
         return factors[name]
     if body_weight is None:
@@ -326,12 +391,21 @@ def storage_header(path: Path) -> Header:
     lines = [line.strip() for line in _each_line(text)]
     end = next((number for number, line in enumerate(lines) if line.lower() == END), None)
     if end is None:
-        raise UsageError(f"{path} is not an OpenSim storage file (.sto, .mot): it has no line {END}")
-    entries = {key.strip().lower(): value.strip() for key, _, value in (line.partition("=") for line in lines[:end])}
+        raise UsageError(
+            f"{path} is not an OpenSim storage file (.sto, .mot): it has no line {END}"
+        )
+    entries = {
+        key.strip().lower(): value.strip()
+        for key, _, value in (line.partition("=") for line in lines[:end])
+    }
     if entries.get("datatype", "double").lower() != "double":
-        raise UsageError(f"{path} holds {entries['datatype']} (DataType in its header); only numbers can be read")
+        raise UsageError(
+            f"{path} holds {entries['datatype']} (DataType in its header); only numbers can be read"
+        )
     below = [number for number in range(end + 1, len(lines)) if lines[number]]
-    first = next((n for n, line in enumerate(below) if _is_number(re.split(r"[\s,;]+", lines[line])[0])), 0)
+    first = next(
+        (n for n, line in enumerate(below) if _is_number(re.split(r"[\s,;]+", lines[line])[0])), 0
+    )
     if not first:
         raise UsageError(f"{path} has no rows below its names")
     place, rows = below[first - 1], [lines[number] for number in below[first:]]
@@ -340,7 +414,9 @@ def storage_header(path: Path) -> Header:
     if names[0].lower() != TIME:
         raise UsageError(f"{path}: its first column is {names[0]}, and must be {TIME}")
     comma = not any("." in row for row in rows) and any(map(DECIMAL_COMMA.match, rows))
-    return Header(path, tuple(names), place + 1, delimiter, text, (), entries, "," if comma else ".")
+    return Header(
+        path, tuple(names), place + 1, delimiter, text, (), entries, "," if comma else "."
+    )
 
 
 def read_storage(path: Path) -> Table:
@@ -361,10 +437,23 @@ def repaired(path: Path) -> str:
         UsageError: the file cannot be read, or is no storage file.
     """
     header = storage_header(path)
-    rows = [line.rstrip("\n") for line in islice(_each_line(header.text), header.line, None) if line.strip()]
+    rows = [
+        line.rstrip("\n")
+        for line in islice(_each_line(header.text), header.line, None)
+        if line.strip()
+    ]
     top = ["states", "version=1", f"nRows={len(rows)}", f"nColumns={len(header.names)}"]
     return (
-        "\n".join([*top, f"inDegrees={'yes' if header.degrees else 'no'}", END, "\t".join(header.names), *rows]) + "\n"
+        "\n".join(
+            [
+                *top,
+                f"inDegrees={'yes' if header.degrees else 'no'}",
+                END,
+                "\t".join(header.names),
+                *rows,
+            ]
+        )
+        + "\n"
     )
 
 
@@ -377,14 +466,28 @@ def _c3d_header(path: Path) -> Header:
         read: Any = ezc3d.c3d(str(path))
     except (OSError, ValueError, RuntimeError) as error:
         raise UsageError(f"cannot read {path}: {error}") from None
-    points, analogs, header = read["data"]["points"][:3], read["data"]["analogs"][0], read["header"]["points"]
-    labels, channels = (read["parameters"][kind]["LABELS"]["value"] for kind in ("POINT", "ANALOG"))
+    points, analogs, header = (
+        read["data"]["points"][:3],
+        read["data"]["analogs"][0],
+        read["header"]["points"],
+    )
+    labels, channels = (
+        read["parameters"][kind]["LABELS"]["value"] for kind in ("POINT", "ANALOG")
+    )
     rows = points.shape[2]
     if not rows:
         raise UsageError(f"{path} has no points over time")
     times = (header["first_frame"] + np.arange(rows)) / header["frame_rate"]
-    columns = [times, *points.transpose(1, 0, 2).reshape(-1, rows), *analogs[:, :: max(1, analogs.shape[1] // rows)]]
-    names = [f"{label.rpartition(':')[2]}.{axis}" for label in labels[: points.shape[1]] for axis in "XYZ"]
+    columns = [
+        times,
+        *points.transpose(1, 0, 2).reshape(-1, rows),
+        *analogs[:, :: max(1, analogs.shape[1] // rows)],
+    ]
+    names = [
+        f"{label.rpartition(':')[2]}.{axis}"
+        for label in labels[: points.shape[1]]
+        for axis in "XYZ"
+    ]
     return Header(path, (TIME, *names, *channels[: len(analogs)]), data=np.column_stack(columns))
 
 
@@ -401,13 +504,27 @@ def _text_header(path: Path, wanted: Collection[Column], table_format: TableForm
         raise UsageError(f"{path} is empty")
     if given and given not in there:
         raise UsageError(f"{path} has no names in line {given} (table.header_line)")
-    marks = {n: table_format.delimiter or next((m for m in ";\t,|" if m in line), " ") for n, line in there.items()}
+    marks = {
+        n: table_format.delimiter or next((m for m in ";\t,|" if m in line), " ")
+        for n, line in there.items()
+    }
     cells = {number: _cells(line.lstrip(COMMENT), marks[number]) for number, line in there.items()}
-    asked = {part for name in wanted if isinstance(name, str) for part in (name, name.rpartition(".")[2])}
-    line = given or max(there, key=lambda number: (len(asked.intersection(cells[number])), number in content))
+    asked = {
+        part
+        for name in wanted
+        if isinstance(name, str)
+        for part in (name, name.rpartition(".")[2])
+    }
+    line = given or max(
+        there, key=lambda number: (len(asked.intersection(cells[number])), number in content)
+    )
     if not given and not asked.intersection(cells[line]):
         line, least = content[0], max([1, *(name for name in wanted if isinstance(name, int))])
-        rows = [n for n in content if len(cells[n]) >= least and all(map(_is_number, filter(None, cells[n])))]
+        rows = [
+            n
+            for n in content
+            if len(cells[n]) >= least and all(map(_is_number, filter(None, cells[n])))
+        ]
         if not asked and rows:  # columns by their places need no names
             names = tuple(str(place) for place in range(1, len(cells[rows[0]]) + 1))
             return Header(path, names, rows[0] - 1, marks[rows[0]], text, notes=notes)
@@ -450,7 +567,9 @@ def _text_of(path: Path, encoding: str = "auto") -> tuple[str, tuple[str, ...]]:
         return data.decode("cp1252", errors="replace"), (note,)
 
 
-def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, table_format: TableFormat) -> Table:
+def read_columns(
+    header: Header, wanted: Sequence[Column], time: TimeColumn, table_format: TableFormat
+) -> Table:
     """Read the columns `wanted` of a file over time; an empty cell is read as NaN.
 
     Raises:
@@ -462,20 +581,29 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
     numbers, below, day = read_numbers(header, places, table_format, len(timed))
     if not len(numbers):
         raise UsageError(f"{path} has no rows below its names (line {header.line})")
-    units = {name: below.get(place, "") or _bracketed(header.names[place] if isinstance(name, str) else "")
-             for name, place in zip((*timed, *wanted), places, strict=True)}  # fmt: skip
+    units = {
+        name: below.get(place, "")
+        or _bracketed(header.names[place] if isinstance(name, str) else "")
+        for name, place in zip((*timed, *wanted), places, strict=True)
+    }
     first = numbers[:, 0] if timed else np.arange(len(numbers), dtype=np.float64)
     notes: tuple[str, ...] = ()
-    seconds = 1.0 if own or day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time")
+    seconds = (
+        1.0 if own or day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time")
+    )
     if rate and day is None:
         if odd := [each for each in first if each % 1.0]:
-            raise UsageError(f"{path}: column {time.column} has {odd[0]:g}, and with time.rate it must count frames")
+            raise UsageError(
+                f"{path}: column {time.column} has {odd[0]:g}, and with time.rate it must count frames"
+            )
         day = ""
     elif day is None:
         notes = check_unit(path, timed[0], units[timed[0]], time.unit, "time.unit")
     column = timed[0] if timed else time.column
     values = numbers[:, len(timed) :]
-    table = _over_time(header, [str(name) for name in wanted], column, first * seconds + time.offset, values)
+    table = _over_time(
+        header, [str(name) for name in wanted], column, first * seconds + time.offset, values
+    )
     if table.duplicates > MOST_STANDING * len(numbers):
         raise UsageError(
             f"{path}: in {table.duplicates} of {len(numbers)} rows column {time.column} has the value of the next row; "
@@ -485,29 +613,45 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
 
 
 def check_unit(
-    path: Path, column: Column, said: str, unit: str, what: str, *, times: float = 1.0, cure: str = PLACED
-) -> tuple[str, ...]:  # fmt: skip
+    path: Path,
+    column: Column,
+    said: str,
+    unit: str,
+    what: str,
+    *,
+    times: float = 1.0,
+    cure: str = PLACED,
+) -> tuple[str, ...]:
     """Refuse a unit that contradicts what the file says of a column; return a note if that is not known.
 
     `what` names the given unit. The column is multiplied by `times`, which may convert it from one unit to the other.
     """
-    theirs, note = spelt(said.lstrip("_")), f"{path.name}: {said!r} is not a known unit ({what} {unit})"
+    theirs, note = (
+        spelt(said.lstrip("_")),
+        f"{path.name}: {said!r} is not a known unit ({what} {unit})",
+    )
     kind = next(kind for kind, units in UNITS.items() if spelt(unit) in units)
     known, ratio = theirs in UNITS[kind], 1.0
     if not said or NOT_A_NUMBER.fullmatch(said) or theirs == spelt(unit):
         return ()
-    if said == "_n" or (said[0] == "_" and not known):  # the normal load, and load_m the medial one
+    if said == "_n" or (
+        said[0] == "_" and not known
+    ):  # the normal load, and load_m the medial one
         return ()
     if known:
         ratio = factor(theirs, kind, what, MIDDLE_WEIGHT) / factor(unit, kind, what, MIDDLE_WEIGHT)
     own, off = (abs(math.log(abs(times) / each)) for each in (1.0, ratio))
     other = theirs in {*SPELT.values(), *OTHER_UNITS} or "/" in theirs
     if off >= min(own, CALIBRATES) if known else own < CALIBRATES and other:
-        raise UsageError(f"{path} says {said.lstrip('_')} of column {column}, and {what} {unit}{cure}")
+        raise UsageError(
+            f"{path} says {said.lstrip('_')} of column {column}, and {what} {unit}{cure}"
+        )
     return (note,) if own < CALIBRATES and not known else ()
 
 
-def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Floats, values: Floats) -> Table:
+def _over_time(
+    header: Header, names: Sequence[str], column: Column, seconds: Floats, values: Floats
+) -> Table:
     """Make a table from times [s], read from `column`, and columns `names`, shape (n, columns).
 
     Raises:
@@ -530,14 +674,34 @@ def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Fl
         )
     last = np.append(steps > 0, True)
     twice = int(np.count_nonzero(~last))
-    notes = (*header.notes, *(f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice))
-    said, cut = (header.entries or {}).get("nrows", ""), f"{path} has {len(seconds)} rows, and its header says nRows="
+    notes = (
+        *header.notes,
+        *(f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice),
+    )
+    said, cut = (
+        (header.entries or {}).get("nrows", ""),
+        f"{path} has {len(seconds)} rows, and its header says nRows=",
+    )
     doubts = (f"{cut}{said}: is it cut off?",) * (said.isdecimal() and float(said) > len(seconds))
-    return Table(path, tuple(names), stamps[last], values[last], header.degrees, twice, notes=notes, doubts=doubts)
+    return Table(
+        path,
+        tuple(names),
+        stamps[last],
+        values[last],
+        header.degrees,
+        twice,
+        notes=notes,
+        doubts=doubts,
+    )
 
 
 def read_numbers(
-    header: Header, places: Sequence[int], table_format: TableFormat, times: int = 0, *, strict: bool = True
+    header: Header,
+    places: Sequence[int],
+    table_format: TableFormat,
+    times: int = 0,
+    *,
+    strict: bool = True,
 ) -> tuple[Floats, dict[int, str], int | str | None]:
     """Read the columns at some places of a file, shape (rows, places), NaN where a number is missing.
 
@@ -553,7 +717,10 @@ def read_numbers(
     if header.path.suffix.lower() in PARQUETS:
         return _parquet(header, places, table_format), {}, None
     stated = header.decimal or (table_format.decimal if table_format.decimal != "auto" else "")
-    decimal, thousands = stated or "." * (header.delimiter == ","), not header.decimal and bool(stated)
+    decimal, thousands = (
+        stated or "." * (header.delimiter == ","),
+        not header.decimal and bool(stated),
+    )
     flat, units, clock = array("d"), dict[int, str](), Clock()
     marks: dict[tuple[int, str], list[Any]] = {}
     for line, cells in _records(header, table_format, units):
@@ -561,7 +728,11 @@ def read_numbers(
             cell = cells[place].strip()
             try:
                 is_clock = number < times and ":" in cell
-                value = clock.seconds(cell) if is_clock else _number(cell, decimal, thousands or not decimal)
+                value = (
+                    clock.seconds(cell)
+                    if is_clock
+                    else _number(cell, decimal, thousands or not decimal)
+                )
             except ValueError:
                 if strict:
                     cure = "table.decimal ('.' or ',') says which mark is the decimal one, table.rows which rows count"
@@ -571,7 +742,9 @@ def read_numbers(
             flat.append(value)
             if not stated:
                 mark = "." if "." in cell else "," * ("," in cell)
-                unsure = bool(mark) and GROUPED.fullmatch(cell) and not (mark == "." and "," in cell)
+                unsure = (
+                    bool(mark) and GROUPED.fullmatch(cell) and not (mark == "." and "," in cell)
+                )
                 marks.setdefault((place, mark + "?" * bool(unsure)), [0, line, cell])[0] += 1
     _check_marks(header, marks)
     return np.array(flat).reshape(-1, len(places)), units, clock.day
@@ -585,7 +758,9 @@ def _check_marks(header: Header, marks: Mapping[tuple[int, str], list[Any]]) -> 
     """
     for (place, mark), (count, line, cell) in marks.items():
         other = "," if mark == ".?" else "."
-        whole = (place, mark[:1]) not in marks and min(count, marks.get((place, ""), [0])[0]) >= SOME
+        whole = (place, mark[:1]) not in marks and min(
+            count, marks.get((place, ""), [0])[0]
+        ) >= SOME
         if mark[1:] and (whole or any(each == other for _, each in marks)):
             raise UsageError(
                 f"{header.path}: line {line}, column {header.names[place]}: the {'comma' if other == '.' else 'point'} "
@@ -616,7 +791,9 @@ def _parquet(header: Header, places: Sequence[int], table_format: TableFormat) -
         raise UsageError(f"{header.path}: {', '.join(names)} must be numbers: {fault}") from None
 
 
-def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -> Iterator[tuple[int, list[str]]]:
+def _records(
+    header: Header, table_format: TableFormat, units: dict[int, str]
+) -> Iterator[tuple[int, list[str]]]:
     """Yield number and cells of each row below the names; `units` gets the cells of a row of texts above the numbers.
 
     A blank line ends a table if one of another width follows.
@@ -630,12 +807,18 @@ def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -
             continue
         begun = begun or any(_is_number(cell) or CLOCK.fullmatch(cell) for cell in cells)
         if not begun:
-            units |= {place: cell.strip(" []()") for place, cell in enumerate(cells) if not units.get(place)}
+            units |= {
+                place: cell.strip(" []()")
+                for place, cell in enumerate(cells)
+                if not units.get(place)
+            }
             continue
         if blank and len(cells) == 1 < width:
             return
         if len(cells) < width or any(cells[width:]):
-            raise UsageError(f"{header.path}: line {line} has {len(cells)} columns, and the names are {width}")
+            raise UsageError(
+                f"{header.path}: line {line} has {len(cells)} columns, and the names are {width}"
+            )
         blank = False
         if all(cells[place].strip() == value for place, value in chosen.items()):
             yield line, cells
@@ -684,7 +867,9 @@ class Clock:
             hour = hour % 12 + 12 * (half in "pP")
         at = 3600.0 * hour + 60.0 * int(minutes) + float(re.sub("[,:]", ".", seconds))
         if zone and zone[0] in "+-":
-            at -= float(f"{zone[0]}1") * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[3:].strip(":") or 0))
+            at -= float(f"{zone[0]}1") * (
+                3600.0 * int(zone[1:3]) + 60.0 * int(zone[3:].strip(":") or 0)
+            )
         today = date(int(year), int(month), int(day)).toordinal() if year else 0
         if self.day is None:
             self.day = today or other or ""
@@ -710,7 +895,11 @@ def _number(cell: str, decimal: str, thousands: bool) -> float:
     mark = decimal or ("," if cell.rfind(",") > cell.rfind(".") else ".")
     other = "." if mark == "," else ","
     if other in cell:
-        if not thousands or not GROUPED.fullmatch(cell) or (mark in cell and cell.find(mark) < cell.find(other)):
+        if (
+            not thousands
+            or not GROUPED.fullmatch(cell)
+            or (mark in cell and cell.find(mark) < cell.find(other))
+        ):
             raise ValueError
         cell = cell.replace(other, "")
     return float(cell.replace(mark, ".", 1))

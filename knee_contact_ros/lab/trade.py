@@ -74,7 +74,9 @@ class Trade(NamedTuple):
 
 
 def measure(
-    results: Results, worth: float | None = None, advance: Callable[[int, int], None] = lambda _done, _total: None
+    results: Results,
+    worth: float | None = None,
+    advance: Callable[[int, int], None] = lambda _done, _total: None,
 ) -> Trade:
     """Compute the samples of `results` (of `solve`) again at every setting.
 
@@ -92,7 +94,11 @@ def measure(
         for samples in compartments:
             if samples.model is None:
                 raise UsageError("parameters changed during this recording; give --params FILE")
-            fidelity: Any = {"level": LEVELS[level], "tolerance": tolerance, "force_tolerance": 0.0}
+            fidelity: Any = {
+                "level": LEVELS[level],
+                "tolerance": tolerance,
+                "force_tolerance": 0.0,
+            }
             own, taken = answered(replace(samples.model, compiled=True, **fidelity), samples, load)
             rows.append(own)
             seconds += taken
@@ -107,17 +113,25 @@ def measure(
         errors = (rows[name] - exact[name] for name in ("penetration_depth", "gap"))
         return float(np.abs(np.subtract(*errors)).max())
 
-    second, loaded = (off(answers("dynamic", *how)[0]) for how in ((SECOND, 1.0), (REFERENCE, 1.0 + LOAD_ERROR)))
+    second, loaded = (
+        off(answers("dynamic", *how)[0]) for how in ((SECOND, 1.0), (REFERENCE, 1.0 + LOAD_ERROR))
+    )
     settings, touching = list[Setting](), exact["penetration_depth"] > 0.0
     for level, tolerance in product(NAMES, TOLERANCES):
         rows, seconds = answers(level, tolerance)
         apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
-        settings.append(Setting(
-            level, tolerance, off(rows), float(np.abs(rows["contact_force"] - exact["contact_force"]).max()),
-            float(np.hypot(*apart)[touching].max(initial=0.0)),
-            float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)), float(np.mean(rows["evaluations"])),
-            1e6 * seconds / len(rows),
-        ))  # fmt: skip
+        settings.append(
+            Setting(
+                level,
+                tolerance,
+                off(rows),
+                float(np.abs(rows["contact_force"] - exact["contact_force"]).max()),
+                float(np.hypot(*apart)[touching].max(initial=0.0)),
+                float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)),
+                float(np.mean(rows["evaluations"])),
+                1e6 * seconds / len(rows),
+            )
+        )
     return Trade(settings, len(exact), loaded if worth is None else worth, second)
 
 
@@ -130,11 +144,13 @@ def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]
         begin = time.process_time()
         rows = [
             model.stream().advance_all(
-                part["stamp"], part["flexion_angle"], load * part["load"],
+                part["stamp"],
+                part["flexion_angle"],
+                load * part["load"],
                 part["femoral_height"] if model.height_prescribed else None,
             )
             for part in parts
-        ]  # fmt: skip
+        ]
         seconds.append(time.process_time() - begin)
     return np.concatenate(rows), min(seconds[1:])
 
@@ -147,8 +163,11 @@ def advice(trade: Trade) -> str:
     if not any(each.depth or each.force for each in trade.settings):
         return "Every setting gives the same depth and force, as with prescribed femoral heights: use any."
     worth = f"{1e6 * trade.worth:.2g} um"
-    good = [each for each in trade.settings
-            if max(each.depth, each.tolerance) <= trade.worth and each.flagged <= FLAGGED]  # fmt: skip
+    good = [
+        each
+        for each in trade.settings
+        if max(each.depth, each.tolerance) <= trade.worth and each.flagged <= FLAGGED
+    ]
     if not good:
         return f"No setting flags at most 1 % of the ticks and has errors below those of your data ({worth})."
     best = min(good, key=lambda each: (each.evaluations, -each.tolerance))
@@ -161,14 +180,28 @@ def advice(trade: Trade) -> str:
 def show(trade: Trade) -> None:
     """Print a table with a row per setting, what its errors refer to, and the advice."""
     table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
-    for heading in ("tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]"):
+    for heading in (
+        "tolerance",
+        "depth [m]",
+        "force [N]",
+        "point [m]",
+        "flagged",
+        "calls",
+        "time [us]",
+    ):
         table.add_column(shown(heading), justify="right", no_wrap=True)
     for level, tolerance, *errors, flagged, calls, microseconds in trade.settings:
-        cells = (f"{tolerance:.0e}", *(f"{error:.1e}" for error in errors), f"{1e2 * flagged:.1f} %")
+        cells = (
+            f"{tolerance:.0e}",
+            *(f"{error:.1e}" for error in errors),
+            f"{1e2 * flagged:.1f} %",
+        )
         table.add_row(level, *cells, f"{calls:.1f}", f"{microseconds:.2f}")
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
     Console(width=WIDTH).print(table)
-    say(f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE:g} m; a run at")
+    say(
+        f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE:g} m; a run at"
+    )
     say(f"{SECOND:g} m differs from it by {trade.reference_error:.1e} m at most.")
     say(advice(trade), hang=0)
 
@@ -183,27 +216,47 @@ def draw(trade: Trade, path: Path) -> None:
 
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     panels = (
-        ("depth", "largest error of the depth [m]"), ("force", "largest error of the contact force [N]"),
-        ("point", "largest error of the contact point [m]"), ("microseconds", "processor time per tick [µs]"),
-    )  # fmt: skip
-    for axis, (name, title) in zip(figure.subplots(2, 2, sharex=True).ravel(), panels, strict=True):
+        ("depth", "largest error of the depth [m]"),
+        ("force", "largest error of the contact force [N]"),
+        ("point", "largest error of the contact point [m]"),
+        ("microseconds", "processor time per tick [µs]"),
+    )
+    for axis, (name, title) in zip(
+        figure.subplots(2, 2, sharex=True).ravel(), panels, strict=True
+    ):
         for level, colour in zip(NAMES, ("#e69f00", "#0072b2"), strict=True):
             own = [each for each in trade.settings if each.level == level]
             values = np.array([getattr(each, name) for each in own])
             axis.plot(TOLERANCES, values, "o-", color=colour, linewidth=1.8, label=level)
             hollow = [each.flagged > FLAGGED for each in own]
-            axis.plot(np.array(TOLERANCES)[hollow], values[hollow], "o", color=colour, markerfacecolor="white")
+            axis.plot(
+                np.array(TOLERANCES)[hollow],
+                values[hollow],
+                "o",
+                color=colour,
+                markerfacecolor="white",
+            )
         axis.set(xscale="log", title=title, xlim=(2.0 * TOLERANCES[0], 0.5 * TOLERANCES[-1]))
         if name == "depth":
-            axis.plot(TOLERANCES, TOLERANCES, color="0.6", linestyle=":", label="as large as the tolerance")
-            axis.axhline(trade.worth, color="#009e73", linestyle="--", label="what the data are worth")
+            axis.plot(
+                TOLERANCES,
+                TOLERANCES,
+                color="0.6",
+                linestyle=":",
+                label="as large as the tolerance",
+            )
+            axis.axhline(
+                trade.worth, color="#009e73", linestyle="--", label="what the data are worth"
+            )
         if name == "microseconds":
             axis.set_ylim(bottom=0.0)
         elif any(getattr(each, name) > 0.0 for each in trade.settings):
             axis.set_yscale("log")
         else:
             axis.text(0.5, 0.6, "0 at every setting", transform=axis.transAxes, ha="center")
-        axis.legend(fontsize=9, frameon=False, loc="upper left" if name == "microseconds" else "lower left")
+        axis.legend(
+            fontsize=9, frameon=False, loc="upper left" if name == "microseconds" else "lower left"
+        )
         axis.grid(visible=True, color="0.92")
     figure.supxlabel("fidelity.tolerance [m]; hollow: more than 1 % of the ticks are flagged")
     file = io.BytesIO()

@@ -26,7 +26,13 @@ from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
 from knee_contact_ros.offline.solve import parameters_in, texts_of
-from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
+from knee_contact_ros.parameters.files import (
+    Source,
+    all_values,
+    curve_files,
+    dotted,
+    known_parameters,
+)
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError, meant
@@ -34,9 +40,11 @@ from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
 
 STREAMS = {
-    "flexion_angle": ("angles", "rad"), "axial_load": ("axial", "N"), "medial_share": ("share", ""),
+    "flexion_angle": ("angles", "rad"),
+    "axial_load": ("axial", "N"),
+    "medial_share": ("share", ""),
     "femoral_height": ("heights", "m"),
-}  # fmt: skip
+}
 """Inputs of a tick that may be uncertain: their fields in `Recording`, and units"""
 SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
 """Beginnings of the names of the parameters that may be uncertain"""
@@ -69,15 +77,21 @@ class Deviation(NamedTuple):
     @property
     def text(self) -> str:
         """The deviation with its unit, as text."""
-        return f"{100.0 * self.size:g} %" if self.relative else f"{self.size:g} {self.unit}".strip()
+        return (
+            f"{100.0 * self.size:g} %" if self.relative else f"{self.size:g} {self.unit}".strip()
+        )
 
     @property
     def unit(self) -> str:
         """The SI unit of the input or the parameter; empty if it has none."""
-        return STREAMS[self.name][1] if self.name in STREAMS else known_parameters()[self.name].unit
+        return (
+            STREAMS[self.name][1] if self.name in STREAMS else known_parameters()[self.name].unit
+        )
 
 
-def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tuple[Deviation, ...]:
+def deviations_of(
+    given: Mapping[str, Any] | Name, parameters: Parameters
+) -> tuple[Deviation, ...]:
     """Check standard deviations by name (of `STREAMS`, or of parameters that are real numbers), and keep their order.
 
     Each is a number in SI units, or a text in percent of the value, like `"10 %"`; for an angle, a share or a height
@@ -87,25 +101,44 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
         UsageError: the file cannot be read, a name is unknown or has no effect, or a value is no standard deviation.
     """
     if not isinstance(given, Mapping):
-        given = read_mapping(expanded(str(given)), "file of standard deviations", "names to standard deviations")
+        given = read_mapping(
+            expanded(str(given)), "file of standard deviations", "names to standard deviations"
+        )
     if not given:
-        raise UsageError("uncertainty: no standard deviation is given; for example contact.stiffness: 10 %")
-    left_out = ("axial_load", "medial_share") if parameters.drive == "displacement" else ("femoral_height",)
+        raise UsageError(
+            "uncertainty: no standard deviation is given; for example contact.stiffness: 10 %"
+        )
+    left_out = (
+        ("axial_load", "medial_share")
+        if parameters.drive == "displacement"
+        else ("femoral_height",)
+    )
     sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
-    known = [name for name, value in all_values(parameters).items()
-             if name.startswith(sections) and isinstance(value, float)]  # fmt: skip
+    known = [
+        name
+        for name, value in all_values(parameters).items()
+        if name.startswith(sections) and isinstance(value, float)
+    ]
     values = all_values(parameters) | {"axial_load": parameters.body_weight}
     streams, found = [name for name in STREAMS if name not in left_out], []
     for name, size in dotted(given).items():
         if name not in (*streams, *known):
-            where = f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
+            where = (
+                f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
+            )
             allowed = f"{where} {', '.join(streams)}, or a real number of {', '.join(sections)}"
             hint = meant(name, [*streams, *known], allowed, cutoff=0.75)
             raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
         relative = isinstance(size, str)
         part = name == "axial_load" or name not in STREAMS
-        percent = re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size) if relative and part else None
-        number: Any = size if isinstance(size, Real) and not isinstance(size, bool | np.bool_) else math.nan
+        percent = (
+            re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size)
+            if relative and part
+            else None
+        )
+        number: Any = (
+            size if isinstance(size, Real) and not isinstance(size, bool | np.bool_) else math.nan
+        )
         number = 0.01 * float(percent[1]) if percent else number
         unit = STREAMS[name][1] if name in STREAMS else known_parameters()[name].unit
         by_unit = unit == "rad" or name not in values
@@ -129,7 +162,10 @@ class Propagated(NamedTuple):
     """Changes of depth [m] and force [N], with their signs, when one input alone grows by one deviation"""
 
     def __repr__(self) -> str:
-        at, names = int(self.rows["contact_force"].argmax()), ", ".join(each.name for each in self.parts)
+        at, names = (
+            int(self.rows["contact_force"].argmax()),
+            ", ".join(each.name for each in self.parts),
+        )
         force, depth = (self.rows[name][at] for name in ("contact_force", "penetration_depth"))
         return (
             f"<Propagated: {len(self.rows)} ticks; at the largest force {force:.1f} ± {self.force[at]:.2g} N, "
@@ -163,7 +199,9 @@ class Propagated(NamedTuple):
 
     def _combined(self, which: int) -> Floats:
         """Return the standard deviation of the depth (0) or the force (1) from all inputs together."""
-        return np.asarray(np.sqrt(np.sum([part[which] ** 2 for part in self.parts.values()], axis=0)))
+        return np.asarray(
+            np.sqrt(np.sum([part[which] ** 2 for part in self.parts.values()], axis=0))
+        )
 
 
 def factor(level: float) -> float:
@@ -178,10 +216,15 @@ def factor(level: float) -> float:
 
 
 def propagated(
-    bag: Path, basis: Parameters | Provenance, sizes: Mapping[str, Any] | Name, names: Names = OWN_NAMES,
-    advance: Callable[[int, int], None] = lambda _done, _total: None, *, compiled: bool | None = None,
+    bag: Path,
+    basis: Parameters | Provenance,
+    sizes: Mapping[str, Any] | Name,
+    names: Names = OWN_NAMES,
+    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    *,
+    compiled: bool | None = None,
     tell: Callable[[Recording], object] = id,
-) -> Uncertainty:  # fmt: skip
+) -> Uncertainty:
     """Propagate standard deviations linearly; see `deviations_of` for `sizes`, and `solve` for the other arguments.
 
     `tell` is called with the recording, which says what is damaged or implausible.
@@ -210,13 +253,22 @@ def propagated(
         All parameters are named, as a named lateral one does not follow its medial one: it has its own deviation.
         """
         values = {
-            each.name: each.moved(float(attrgetter(each.name)(parameters)), times * (each == moved))
-            for each in deviations if each.name not in STREAMS
-        }  # fmt: skip
+            each.name: each.moved(
+                float(attrgetter(each.name)(parameters)), times * (each == moved)
+            )
+            for each in deviations
+            if each.name not in STREAMS
+        }
         field = STREAMS[moved.name][0] if moved.name in STREAMS else ""
-        inputs = recording._replace(**{field: moved.moved(getattr(recording, field), times)}) if field else recording
+        inputs = (
+            recording._replace(**{field: moved.moved(getattr(recording, field), times)})
+            if field
+            else recording
+        )
         try:
-            found = compute(Knees(inputs, parameters, files), [values], series=True, compiled=compiled)
+            found = compute(
+                Knees(inputs, parameters, files), [values], series=True, compiled=compiled
+            )
         except UsageError:  # an input
             return rows
         return rows if found.failed[0] else [several[0] for several in found.series]
@@ -224,7 +276,9 @@ def propagated(
     found = [Propagated(each, {}) for each in rows]
     for done, deviation in enumerate(deviations, start=1):
         ends = [answers(deviation, times) for times in (-1.0, 1.0)]
-        width = 2.0 - sum(end is rows for end in ends)  # where one is `rows`, the difference is that of the other side
+        width = 2.0 - sum(
+            end is rows for end in ends
+        )  # where one is `rows`, the difference is that of the other side
         if not width:
             raise UsageError(
                 f"uncertainty: {deviation.name}: {deviation.text} exceeds the allowed range in both directions"
@@ -254,10 +308,16 @@ class Uncertainty:
 
 
 def uncertainty(
-    bag: Name | None = None, params: Source | None = None, deviations: Mapping[str, Any] | Name | None = None,
-    values: Mapping[str, Any] | None = None, *, subject: Name | None = None, remap: Mapping[str, str] | None = None,
-    namespace: str = "", compiled: bool | None = None,
-) -> Uncertainty:  # fmt: skip
+    bag: Name | None = None,
+    params: Source | None = None,
+    deviations: Mapping[str, Any] | Name | None = None,
+    values: Mapping[str, Any] | None = None,
+    *,
+    subject: Name | None = None,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+    compiled: bool | None = None,
+) -> Uncertainty:
     """Propagate standard deviations of inputs and parameters to the depth and force of a recorded gait.
 
     Args:
@@ -282,6 +342,11 @@ def uncertainty(
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         with progress("Propagating") as advance:
             return propagated(
-                path, basis, deviations or {}, names, advance, compiled=compiled,
+                path,
+                basis,
+                deviations or {},
+                names,
+                advance,
+                compiled=compiled,
                 tell=lambda read: warn_of(path, "solved", read.doubts, read.damage),
-            )  # fmt: skip
+            )

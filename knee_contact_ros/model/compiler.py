@@ -33,14 +33,32 @@ TICK, LOADING, COMPILING = 0.3e-3, 0.7, 6.0
 FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
 """Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""
 NOT_NEEDED = (
-    "WithLifting", "InlineClosureLikes", "RewriteSemanticConstants", "DeadBranchPrune", "RewriteDynamicRaises",
-    "MakeFunctionToJitFunction", "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "ReconstructSSA",
-    "LiteralPropagationSubPipelinePass", "PreLowerStripPhis", "InlineOverloads", "NopythonRewrites",
-    "NoPythonSupportedFeatureValidation", "DumpParforDiagnostics",
-)  # fmt: skip
+    "WithLifting",
+    "InlineClosureLikes",
+    "RewriteSemanticConstants",
+    "DeadBranchPrune",
+    "RewriteDynamicRaises",
+    "MakeFunctionToJitFunction",
+    "InlineInlinables",
+    "FindLiterallyCalls",
+    "LiteralUnroll",
+    "ReconstructSSA",
+    "LiteralPropagationSubPipelinePass",
+    "PreLowerStripPhis",
+    "InlineOverloads",
+    "NopythonRewrites",
+    "NoPythonSupportedFeatureValidation",
+    "DumpParforDiagnostics",
+)
 """Numba's passes for contexts, closures, literals, exceptions, arrays as a whole, what Numba itself would inline, and
 variables whose type changes"""
-OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False, "forceinline": False, "no_cfunc_wrapper": True}
+OPTIONS = {
+    "error_model": "numpy",
+    "nogil": True,
+    "_nrt": False,
+    "forceinline": False,
+    "no_cfunc_wrapper": True,
+}
 """Numba's options: divisions are not checked, since no divisor is 0, and references to arrays are not counted"""
 
 FUNCTIONS: list[Callable[..., Any]] = []
@@ -84,7 +102,11 @@ def kept_files() -> list[Path]:
     """Return the files in which the compiled model is kept, for any processor, without importing Numba."""
     from knee_contact_ros.model import ticks
 
-    return [path for folder in folders(ticks.run) for path in folder.glob(f"{stamp(ticks.run)}-*{SUFFIX}")]
+    return [
+        path
+        for folder in folders(ticks.run)
+        for path in folder.glob(f"{stamp(ticks.run)}-*{SUFFIX}")
+    ]
 
 
 def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[..., Any] | None:
@@ -99,19 +121,29 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
         if numba.config.DISABLE_JIT:
             raise ImportError("NUMBA_DISABLE_JIT is set")
-    except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
-        _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly", _said(error))
+    except (
+        Exception
+    ) as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
+        _log.warning(
+            "knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly",
+            _said(error),
+        )
         return None
     _take_by_reference(example)
     made, types = twin(entry), tuple(map(numba.typeof, example))
     name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
     paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
-    if not any(_done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)):
+    if not any(
+        _done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)
+    ):
         from knee_contact_ros.system.terminal import busy
 
         with busy(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
             compile_twin(made, types)
-        kept = any(_done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused) for path in paths)
+        kept = any(
+            _done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused)
+            for path in paths
+        )
         if doubts or not kept:
             then = "compiled again" if kept else "what was compiled is not kept"
             _log.warning("knee_contact_ros: compiled code: %s; %s", [*refused, *doubts][-1], then)
@@ -130,7 +162,13 @@ def twin(entry: Callable[..., Any]) -> Any:
         options["no_cpython_wrapper"] = function is not entry
         made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
     for space in spaces.values():
-        space.update({name: made[one] for name, one in space.items() if isinstance(one, FunctionType) and one in made})
+        space.update(
+            {
+                name: made[one]
+                for name, one in space.items()
+                if isinstance(one, FunctionType) and one in made
+            }
+        )
     return made[entry]
 
 
@@ -139,7 +177,11 @@ def _reached(entry: Any) -> list[FunctionType]:
     reached = [entry]
     for function in reached:  # it grows meanwhile
         named = [function.__globals__.get(name) for name in function.__code__.co_names]
-        reached += [one for one in named if isinstance(one, FunctionType) and one in FUNCTIONS and one not in reached]
+        reached += [
+            one
+            for one in named
+            if isinstance(one, FunctionType) and one in FUNCTIONS and one not in reached
+        ]
     return reached
 
 
@@ -151,7 +193,9 @@ def _pipeline() -> Any:
     class Pipeline(CompilerBase):
         def define_pipelines(self) -> list[Any]:
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            passes.passes = [(one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED]
+            passes.passes = [
+                (one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED
+            ]
             passes._finalized = False
             passes.finalize()
             return [passes]
@@ -176,24 +220,41 @@ def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
 
     class Whole(JITCodeLibrary):
         def finalize(self) -> None:
-            for library in self._linking_libraries:  # it grows meanwhile: each function is linked once
+            for (
+                library
+            ) in self._linking_libraries:  # it grows meanwhile: each function is linked once
                 more = getattr(library, "_linking_libraries", ())
-                self._linking_libraries += [one for one in more if one not in self._linking_libraries]
+                self._linking_libraries += [
+                    one for one in more if one not in self._linking_libraries
+                ]
             super().finalize()
 
         def _optimize_final_module(self) -> None:
             own = f"{len(self.name.rpartition('.')[2])}{self.name.rpartition('.')[2]}B"
             for function in self._final_module.functions:
-                if not function.is_declaration and own not in function.name and "_ZN" in function.name:
+                if (
+                    not function.is_declaration
+                    and own not in function.name
+                    and "_ZN" in function.name
+                ):
                     function.linkage = Linkage.internal
             # Once, as there are no references to count, and without vectors, which gain nothing here.
-            passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, opt=2)
+            passes, builder = self._codegen._module_pass_manager(
+                loop_vectorize=False, slp_vectorize=False, opt=2
+            )
             passes.run(self._final_module, builder)
 
-    linked = type("Linked", (JITCodeLibrary,), {
-        "_optimize_functions": lambda *_: None, "finalize": lambda me: setattr(me, "_finalized", True),
-        "codegen": property(lambda me: me), "set_env": lambda *_: None, "get_pointer_to_function": lambda *_: 0,
-    })  # fmt: skip
+    linked = type(
+        "Linked",
+        (JITCodeLibrary,),
+        {
+            "_optimize_functions": lambda *_: None,
+            "finalize": lambda me: setattr(me, "_finalized", True),
+            "codegen": property(lambda me: me),
+            "set_env": lambda *_: None,
+            "get_pointer_to_function": lambda *_: 0,
+        },
+    )
     call_type, known = BaseFunction.get_call_type, dict[Any, Any]()
 
     def remembered(function: Any, context: Any, args: Any, keywords: Any) -> Any:
@@ -205,9 +266,13 @@ def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
     add_type, codegen = Variable.add_type, made.targetctx.codegen()
     changed = {
         (BaseFunction, "get_call_type"): remembered,
-        (Variable, "add_type"): lambda variable, kind, loc: add_type(variable, unliteral(kind), loc),
+        (Variable, "add_type"): lambda variable, kind, loc: add_type(
+            variable, unliteral(kind), loc
+        ),
         (Variable, "lock"): lambda variable, kind, loc, **_: variable.add_type(kind, loc),
-        (codegen, "_library_class"): lambda of, name: (Whole if name == made.__name__ else linked)(of, name),
+        (codegen, "_library_class"): lambda of, name: (Whole if name == made.__name__ else linked)(
+            of, name
+        ),
     }
     before = {(owner, name): getattr(owner, name) for owner, name in changed}
     collecting = gc.isenabled()
@@ -235,7 +300,9 @@ def _take_by_reference(values: Iterable[Any]) -> None:
     for value in values:
         if hasattr(value, "_fields"):
             _take_by_reference(value)
-            typeof_impl.register(type(value), lambda one, _: _by_reference(tuple(map(typeof, one)), type(one)))
+            typeof_impl.register(
+                type(value), lambda one, _: _by_reference(tuple(map(typeof, one)), type(one))
+            )
 
 
 def _by_reference(fields: tuple[Any, ...], kind: type) -> Any:
@@ -262,12 +329,16 @@ def _address() -> Any:
     @register_model(Address)
     class Pointer(PrimitiveModel):
         def __init__(self, manager: Any, kind: Any) -> None:
-            super().__init__(manager, kind, manager.lookup(kind.whole).get_value_type().as_pointer())
+            super().__init__(
+                manager, kind, manager.lookup(kind.whole).get_value_type().as_pointer()
+            )
 
     @unbox(Address)
     def unboxed(kind: Any, value: Any, context: Any) -> Any:
         whole = context.unbox(kind.whole, value)
-        return NativeValue(cgutils.alloca_once_value(context.builder, whole.value), whole.is_error, whole.cleanup)
+        return NativeValue(
+            cgutils.alloca_once_value(context.builder, whole.value), whole.is_error, whole.cleanup
+        )
 
     @lower_getattr_generic(Address)
     def field(_context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
@@ -280,7 +351,10 @@ def folders(entry: Callable[..., Any]) -> list[Path]:
     """Return the folders in which a compiled function may be kept, the first choice first."""
     beside = Path(entry.__code__.co_filename).parent / "__pycache__" / "compiled"
     caches = Path(os.environ.get("XDG_CACHE_HOME", "")), Path(os.path.expanduser("~/.cache"))  # noqa: PTH111
-    return [beside, *[path / "knee_contact_ros" for path in caches if path.is_absolute()][:1]]  # there may be no home
+    return [
+        beside,
+        *[path / "knee_contact_ros" for path in caches if path.is_absolute()][:1],
+    ]  # there may be no home
 
 
 @cache
@@ -295,7 +369,9 @@ def stamp(entry: Callable[..., Any]) -> str:
     files += [Path(spec.origin).with_name("_version.py") for spec in found if spec and spec.origin]
     settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))
     sources = [path.read_bytes() for path in files]
-    return _digest(entry.__module__, entry.__qualname__, sys.implementation.cache_tag, settings, sources)
+    return _digest(
+        entry.__module__, entry.__qualname__, sys.implementation.cache_tag, settings, sources
+    )
 
 
 def _digest(*parts: Any) -> str:
@@ -313,7 +389,9 @@ def _done(step: Callable[[Path], None], path: Path, doubts: list[str]) -> bool:
 
 
 def _said(error: Exception) -> str:
-    return " ".join((getattr(error, "strerror", None) or str(error) or type(error).__name__).split())
+    return " ".join(
+        (getattr(error, "strerror", None) or str(error) or type(error).__name__).split()
+    )
 
 
 def _load(made: Any, path: Path) -> None:

@@ -64,14 +64,18 @@ def mapped(error: Error, a: float, b: float, c: float, d: float) -> Error:
     """Return the error under the linear map of e to a e + b ė and of ė to c e + d ė."""
     hh, hv, vv = error.hh, error.hv, error.vv
     return Error(
-        height=a * error.height + b * error.velocity, velocity=c * error.height + d * error.velocity,
-        hh=a * a * hh + 2.0 * a * b * hv + b * b * vv, hv=a * c * hh + (a * d + b * c) * hv + b * d * vv,
+        height=a * error.height + b * error.velocity,
+        velocity=c * error.height + d * error.velocity,
+        hh=a * a * hh + 2.0 * a * b * hv + b * b * vv,
+        hv=a * c * hh + (a * d + b * c) * hv + b * d * vv,
         vv=c * c * hh + 2.0 * c * d * hv + d * d * vv,
-    )  # fmt: skip
+    )
 
 
 @inlined
-def over_step(error: Error, begin: float, middle: float, end: float, damping: float, mass: float, h: float) -> Error:
+def over_step(
+    error: Error, begin: float, middle: float, end: float, damping: float, mass: float, h: float
+) -> Error:
     """Return the error after a step over which the stiffness changes, given at its begin, middle and end [N/m].
 
     This is Magnus' series to 4th order (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), with half of the second
@@ -89,10 +93,42 @@ def over_step(error: Error, begin: float, middle: float, end: float, damping: fl
     square, decay = discriminant * h * h, math.exp(-half_rate * h)
     root = math.sqrt(abs(discriminant))
     if abs(square) <= NEAR_ZERO:  # power series of cosh √x and sinh √x / √x
-        even = decay * (1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0 * (1.0 + square / 56.0 * (
-            1.0 + square / 90.0 * (1.0 + square / 132.0))))))  # fmt: skip
-        odd = decay * h * (1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0 * (1.0 + square / 72.0 * (
-            1.0 + square / 110.0 * (1.0 + square / 156.0))))))  # fmt: skip
+        even = decay * (
+            1.0
+            + square
+            / 2.0
+            * (
+                1.0
+                + square
+                / 12.0
+                * (
+                    1.0
+                    + square
+                    / 30.0
+                    * (1.0 + square / 56.0 * (1.0 + square / 90.0 * (1.0 + square / 132.0)))
+                )
+            )
+        )
+        odd = (
+            decay
+            * h
+            * (
+                1.0
+                + square
+                / 6.0
+                * (
+                    1.0
+                    + square
+                    / 20.0
+                    * (
+                        1.0
+                        + square
+                        / 42.0
+                        * (1.0 + square / 72.0 * (1.0 + square / 110.0 * (1.0 + square / 156.0)))
+                    )
+                )
+            )
+        )
     elif discriminant > 0.0:
         slow, fast = math.exp((root - half_rate) * h), math.exp(-(root + half_rate) * h)
         even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / root
@@ -104,7 +140,9 @@ def over_step(error: Error, begin: float, middle: float, end: float, damping: fl
     shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
     left, right = a * grown + b * across, c * grown + d * across
     b, d = b * shrunk, d * shrunk
-    return mapped(error, grown * left, grown * b, across * left + shrunk * right, across * b + shrunk * d)
+    return mapped(
+        error, grown * left, grown * b, across * left + shrunk * right, across * b + shrunk * d
+    )
 
 
 @in_kernel
@@ -117,10 +155,12 @@ def with_step(error: Error, h: float, v: float, unknown: float, held: float) -> 
     spread = 0.5 * (held * held * max(error.hh, 0.0) + max(error.vv, 0.0))
     added = SWAPPED * SWAPPED * square + 2.0 * ALIKE * math.sqrt(square * spread)
     return Error(
-        height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
+        height=error.height + STEPWISE * h,
+        velocity=error.velocity + STEPWISE * v,
         hh=error.hh + unknown * unknown * h * h + added / (held * held),
-        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + added,
-    )  # fmt: skip
+        hv=error.hv + unknown * unknown * h * v,
+        vv=error.vv + unknown * unknown * v * v + added,
+    )
 
 
 @in_kernel
@@ -163,7 +203,9 @@ def bounded(error: Error) -> Error:
 
 
 @in_kernel
-def pushed_by(push: float, stiffness: float, damping: float, mass: float, h: float) -> tuple[float, float]:
+def pushed_by(
+    push: float, stiffness: float, damping: float, mass: float, h: float
+) -> tuple[float, float]:
     """Return how far [m] and how fast [m/s] a force [N] of either sign moves a contact in `h` [s]."""
     held = holding(stiffness, damping, mass)
     velocity = push / mass * min(h, 1.0 / held)
@@ -186,7 +228,9 @@ def reach(error: Error, held: float) -> float:
     """
     swing = error.velocity / held
     expected = math.sqrt(error.height * error.height + swing * swing)
-    estimate = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
+    estimate = EXPECTED * expected + SPREAD * math.sqrt(
+        max(error.hh + error.vv / (held * held), 0.0)
+    )
     return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
 
 
@@ -198,7 +242,9 @@ def velocity_reach(error: Error) -> float:
 
 
 @in_kernel
-def force_reach(error: Error, stiffness: float, damping: float, left_out: float, held: float) -> float:
+def force_reach(
+    error: Error, stiffness: float, damping: float, left_out: float, held: float
+) -> float:
     """Return the error estimate [N] of a force with these slopes over height [N/m] and velocity [N s/m]; see `reach`.
 
     `left_out` [N] is the part of the force that was neglected.
@@ -207,11 +253,15 @@ def force_reach(error: Error, stiffness: float, damping: float, left_out: float,
     swing = stiffness * error.velocity / held
     variance = stiffness * stiffness * error.hh + 2.0 * stiffness * damping * error.hv
     variance += (damping * damping + stiffness * stiffness / (held * held)) * error.vv
-    return EXPECTED * math.sqrt(expected * expected + swing * swing) + SPREAD * math.sqrt(max(variance, 0.0))
+    return EXPECTED * math.sqrt(expected * expected + swing * swing) + SPREAD * math.sqrt(
+        max(variance, 0.0)
+    )
 
 
 @in_kernel
-def curved(error: Error, depth: float, stiffness: float, damping: float, mass: float, h: float) -> Error:
+def curved(
+    error: Error, depth: float, stiffness: float, damping: float, mass: float, h: float
+) -> Error:
     """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m]."""
     if error.height * error.height + error.hh <= BENT * BENT * depth * depth:
         return error
@@ -236,7 +286,9 @@ def eigenvalues(stiffness: float, damping: float, mass: float) -> tuple[float, f
 
 
 @in_kernel
-def saltation(error: Error, rate: float, jump: float, off: float, mass: float, longest: float) -> Error:
+def saltation(
+    error: Error, rate: float, jump: float, off: float, mass: float, longest: float
+) -> Error:
     """Return the error after a boundary that is met at a `rate` [m/s] of the depth, where the force jumps [N].
 
     A femur that is too high meets the boundary late, and misses the jump for that time (the saltation matrix of the

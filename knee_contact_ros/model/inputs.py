@@ -75,12 +75,16 @@ class Inputs:
     slow: int = 0
     """Number of time steps of `SLOWEST` or more"""
     _stood: int = 0
-    _angles: float = field(default=0.0, compare=False)  # sum of the angles [rad] while the leg stood
+    _angles: float = field(
+        default=0.0, compare=False
+    )  # sum of the angles [rad] while the leg stood
     _bent: int = 0
     _straight: int = 0
     _bent_load: float = field(default=0.0, compare=False)  # sums of the loads [N] at such angles
     _straight_load: float = field(default=0.0, compare=False)
-    _sum: float = field(default=0.0, compare=False)  # of all loads [N]; rounding depends on the blocks that came
+    _sum: float = field(
+        default=0.0, compare=False
+    )  # of all loads [N]; rounding depends on the blocks that came
     _first: int = 0  # stamps [ns]
     _last: int = 0
     _newest: int = 0
@@ -94,8 +98,14 @@ class Inputs:
         self._newest, self._last = int(stamps[-1]), max(self._last, int(stamps.max()))
         self.ticks += len(stamps)
         self._sum += float(loads.sum())
-        self.lowest, self.highest = min(self.lowest, float(loads.min())), max(self.highest, float(loads.max()))
-        self.least, self.most = min(self.least, float(angles.min())), max(self.most, float(angles.max()))
+        self.lowest, self.highest = (
+            min(self.lowest, float(loads.min())),
+            max(self.highest, float(loads.max())),
+        )
+        self.least, self.most = (
+            min(self.least, float(angles.min())),
+            max(self.most, float(angles.max())),
+        )
         self.outside += int(np.count_nonzero((angles < EXTENDS) | (angles > FLEXES)))
         self.overloaded += int(np.count_nonzero(loads > self.limit))
         bent, straight = angles > SWINGS, angles < STRAIGHT
@@ -114,7 +124,10 @@ class Inputs:
 
     @property
     def _long(self) -> bool:
-        return self.ticks >= ONE_SIDED_TICKS and self._last - self._first >= ONE_SIDED_TIME / NANOSECOND
+        return (
+            self.ticks >= ONE_SIDED_TICKS
+            and self._last - self._first >= ONE_SIDED_TIME / NANOSECOND
+        )
 
     @property
     def _percent(self) -> bool:
@@ -122,18 +135,31 @@ class Inputs:
         if not self._long or self.highest > PERCENT * (self.body_weight or USUAL):
             return False
         often = min(self._bent, self._straight) >= OFTEN * self.ticks
-        return often and TIMES_MORE * self._bent_load * self._straight <= self._straight_load * self._bent
+        return (
+            often
+            and TIMES_MORE * self._bent_load * self._straight <= self._straight_load * self._bent
+        )
 
     @property
     def about_angle(self) -> str:
         """Sentence about angles that no knee has; empty if they are plausible."""
         low, high = math.degrees(self.least), math.degrees(self.most)
         span = f"the flexion angle goes from {low:.1f} to {high:.1f} deg"
-        if self._long and -self.least >= CLEAR and -self.least >= TIMES_MORE * self.most and self.most < CLEAR:
+        if (
+            self._long
+            and -self.least >= CLEAR
+            and -self.least >= TIMES_MORE * self.most
+            and self.most < CLEAR
+        ):
             hint = ", and is it in degrees instead of radians" if self.least < -FLEXES else ""
             return f"{span}, which is extension: is its sign the other one ({self.names}sign -1){hint}?"
         mirrored = math.pi - self.most >= EXTENDS and math.pi - self.least <= FLEXES
-        if self._long and mirrored and self._stood >= OFTEN * self.ticks and self._angles >= BENT * self._stood:
+        if (
+            self._long
+            and mirrored
+            and self._stood >= OFTEN * self.ticks
+            and self._angles >= BENT * self._stood
+        ):
             mean = math.degrees(self._angles / self._stood)
             return (
                 f"{span}, and is {mean:.0f} deg on average under load: is it the included angle, 180 deg - flexion "
@@ -194,7 +220,11 @@ class Inputs:
     @property
     def sentences(self) -> list[str]:
         """All sentences."""
-        return [sentence for sentence in (self.about_angle, self.about_load, self.about_time) if sentence]
+        return [
+            sentence
+            for sentence in (self.about_angle, self.about_load, self.about_time)
+            if sentence
+        ]
 
 
 @dataclass

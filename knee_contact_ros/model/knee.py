@@ -42,9 +42,10 @@ def as_the_kernel_sees(rows: Rows) -> tuple[Floats, NDArray[np.uint8], NDArray[n
     """Return views of contiguous rows of answers as words, bytes and half words, each of shape (n, k)."""
     count, size = len(rows), ROW.itemsize
     return (
-        rows.view(np.float64).reshape(count, size // 8), rows.view(np.uint8).reshape(count, size),
+        rows.view(np.float64).reshape(count, size // 8),
+        rows.view(np.uint8).reshape(count, size),
         rows.view(np.uint32).reshape(count, size // 4),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,17 +119,24 @@ class KneeModel:
     def knee(self) -> Knee:
         """The model in the form that the kernel takes: numbers, arrays and named tuples."""
         return Knee(
-            surfaces=self.pair.surfaces, law=self.law.rows, mass=float(self.mass), per_mass=1.0 / self.mass,
-            tolerance=float(self.tolerance), force_tolerance=float(self.force_tolerance),
+            surfaces=self.pair.surfaces,
+            law=self.law.rows,
+            mass=float(self.mass),
+            per_mass=1.0 / self.mass,
+            tolerance=float(self.tolerance),
+            force_tolerance=float(self.force_tolerance),
             budget=int(self.budget) or MOST_BUDGET,
             level=ticks.PRESCRIBED_HEIGHT if self.height_prescribed else int(self.level),
-            allow_tension=bool(self.allow_tension), remembers=self.law.remembers_impact,
+            allow_tension=bool(self.allow_tension),
+            remembers=self.law.remembers_impact,
             plausible_depth=float(self.plausible_depth),
-        )  # fmt: skip
+        )
 
     def kernel(self, number: int | None = None) -> Callable[..., None]:
         """Return the function for a number of ticks (None: unknown): `ticks.run` or its compiled twin."""
-        if self.compiled is False or (self.compiled is None and not compiler.worth_compiling(number)):
+        if self.compiled is False or (
+            self.compiled is None and not compiler.worth_compiling(number)
+        ):
             return ticks.run
         return compiler.compiled_run() or ticks.run
 
@@ -146,7 +154,11 @@ class KneeModel:
         return Stream(self)
 
     def run(
-        self, time: ArrayLike, flexion_angle: ArrayLike, load: ArrayLike, femoral_height: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        flexion_angle: ArrayLike,
+        load: ArrayLike,
+        femoral_height: ArrayLike | None = None,
     ) -> np.recarray[Any, Any]:
         """Compute the answers to a whole series of samples.
 
@@ -168,7 +180,11 @@ class KneeModel:
             ValueError: shapes differ, a value is masked, is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
                 `LARGEST_HEIGHT`, time does not increase, or `femoral_height` does not fit the drive.
         """
-        given = (time, flexion_angle, load) if femoral_height is None else (time, flexion_angle, load, femoral_height)
+        given = (
+            (time, flexion_angle, load)
+            if femoral_height is None
+            else (time, flexion_angle, load, femoral_height)
+        )
         if any(map(np.ma.is_masked, given)):
             raise ValueError(f"time, {_listed(INPUTS[: len(given) - 1])} must not be masked")
         columns = [np.asarray(column, dtype=float) for column in given]
@@ -212,7 +228,9 @@ class KneeModel:
             ValueError: `contact.femoral_radius` is not below `contact.tibial_radius`, so that there is no patch.
         """
         if self.patch is None:
-            raise ValueError("no readouts: contact.femoral_radius must be below contact.tibial_radius")
+            raise ValueError(
+                "no readouts: contact.femoral_radius must be below contact.tibial_radius"
+            )
         return self.patch.readouts(self.law, answers)
 
     def uncertainty(self, answers: Rows, load_deviation: Any) -> Readings:
@@ -243,8 +261,12 @@ class KneeModel:
             ValueError: a femoral height is needed but not given, or given but not needed.
         """
         if self.height_prescribed != height_given:
-            needs = "needs a femoral_height" if self.height_prescribed else "takes no femoral_height"
-            raise ValueError(f"drive {'displacement' if self.height_prescribed else 'force'} {needs}")
+            needs = (
+                "needs a femoral_height" if self.height_prescribed else "takes no femoral_height"
+            )
+            raise ValueError(
+                f"drive {'displacement' if self.height_prescribed else 'force'} {needs}"
+            )
 
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
@@ -265,7 +287,9 @@ class Stream:
 
     def __post_init__(self) -> None:
         self.answer = blank(1)
-        self._answered_stamp = self.answer["stamp"]  # to look a field up takes as long as to find the contact
+        self._answered_stamp = self.answer[
+            "stamp"
+        ]  # to look a field up takes as long as to find the contact
         self.latency = self.answer["latency"]
         """The `latency` field of `answer` [s], shape (1,), for callers that measure it"""
         self._stamp: int | None = None
@@ -293,7 +317,12 @@ class Stream:
         if self._knee.level == ticks.QUASI_STATIC:
             rest = np.zeros(ticks.STATE_SIZE)
             sample = np.array([[0.0, state[ticks.ANGLE], state[ticks.LOAD], math.nan]])
-            self._run(self._knee._replace(budget=MOST_BUDGET), rest, sample, *as_the_kernel_sees(blank(1)))
+            self._run(
+                self._knee._replace(budget=MOST_BUDGET),
+                rest,
+                sample,
+                *as_the_kernel_sees(blank(1)),
+            )
             state[ticks.E_HEIGHT] += rest[ticks.HEIGHT] - state[ticks.HEIGHT]
             for place in (ticks.HEIGHT, ticks.STIFFNESS, ticks.SLOPE_DAMPING):
                 state[place] = rest[place]
@@ -309,7 +338,9 @@ class Stream:
         self._state[ticks.AWAY] = self.answer["error_estimate"][0] = self.model.plausible_depth
         self.answer["status"] |= ticks.NOT_CONVERGED
 
-    def tick(self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
+    def tick(
+        self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None
+    ) -> Contact:
         """Advance to `time` [s] and answer; angle [rad], load [N] and height [m] are linear since the previous tick.
 
         Raises:
@@ -320,20 +351,27 @@ class Stream:
             raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
-    def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
+    def tick_ns(
+        self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None
+    ) -> Contact:
         """Advance to an integer stamp [ns] and return the answer; otherwise as `tick`."""
         self.advance(stamp, flexion_angle, load, femoral_height)
-        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]  # all bytes of it; a copy leaves out padding
+        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[
+            0
+        ]  # all bytes of it; a copy leaves out padding
         return contact
 
-    def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
+    def advance(
+        self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None
+    ) -> None:
         """Advance to an integer stamp [ns] and leave the answer in `answer`, which is faster than returning a copy."""
         if self._height_prescribed or femoral_height is not None:
             self.model.check_drive(femoral_height is not None)
         height = math.nan if femoral_height is None else femoral_height
-        if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD) or not (
-            femoral_height is None or abs(height) <= LARGEST_HEIGHT
-        ):
+        if not (
+            -LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE
+            and -LARGEST_LOAD <= load <= LARGEST_LOAD
+        ) or not (femoral_height is None or abs(height) <= LARGEST_HEIGHT):
             _refuse(flexion_angle, load, femoral_height)
         last = self._stamp
         if last is None:
@@ -347,7 +385,9 @@ class Stream:
         self._run(self._knee, self._state, self._sample, *self._views)
         self._stamp = stamp
 
-    def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Rows:
+    def advance_all(
+        self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None
+    ) -> Rows:
         """Advance through many ticks and return their answers, shape (n,).
 
         Stamps [ns], angles [rad], loads [N] and heights [m] have shape (n,); heights are None for the force drive.
@@ -363,7 +403,9 @@ class Stream:
         answers = blank(len(stamps))
         answers["stamp"] = stamps
         height = np.full(len(stamps), math.nan) if heights is None else heights
-        self.model.compute(np.column_stack([steps * NANOSECOND, angles, loads, height]), answers, self._state)
+        self.model.compute(
+            np.column_stack([steps * NANOSECOND, angles, loads, height]), answers, self._state
+        )
         self._stamp = int(stamps[-1])
         return answers
 
@@ -393,7 +435,9 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
     names, got = _listed(INPUTS[: len(given)]), ", ".join(map(str, given))
     if not all(map(math.isfinite, given)):
         raise ValueError(f"{names} must be finite, got {got}")
-    limits = _listed((f"{LARGEST_ANGLE:g} rad", f"{LARGEST_LOAD:g} N", f"{LARGEST_HEIGHT:g} m")[: len(given)])
+    limits = _listed(
+        (f"{LARGEST_ANGLE:g} rad", f"{LARGEST_LOAD:g} N", f"{LARGEST_HEIGHT:g} m")[: len(given)]
+    )
     raise ValueError(f"{names} must not exceed {limits}, got {got}{degrees_hint(angle)}")
 
 
@@ -410,6 +454,8 @@ def degrees_hint(angle: float) -> str:
 def example_call() -> tuple[Any, ...]:
     """Return arguments of `ticks.run` with the types of every call: those of all laws, surfaces and mechanisms."""
     knee = KneeModel(
-        ContactPair(Circle(0.034), Plane(0.0), MECHANISMS["hinge"]()), hertz(stiffness=1e7, exponent=1.5), 1.0
+        ContactPair(Circle(0.034), Plane(0.0), MECHANISMS["hinge"]()),
+        hertz(stiffness=1e7, exponent=1.5),
+        1.0,
     ).knee
     return knee, np.zeros(ticks.STATE_SIZE), np.zeros((1, 4)), *as_the_kernel_sees(blank(1))

@@ -70,13 +70,17 @@ class Layer(NamedTuple):
     form: float = COMMON
     """Formula: `COMMON`, or the number of a separate function"""
 
-    def force_at(self, depth: float, rate: float, impact_speed: float = 0.0) -> tuple[float, float, float]:
+    def force_at(
+        self, depth: float, rate: float, impact_speed: float = 0.0
+    ) -> tuple[float, float, float]:
         """Return the force [N] of the layer's formula and its slopes over depth [N/m] and rate [N s/m], not clamped."""
         return force_at(np.array([self]), 0, depth, rate, impact_speed)
 
 
 @in_kernel
-def force_at(law: Floats, layer: int, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+def force_at(
+    law: Floats, layer: int, depth: float, rate: float, impact_speed: float
+) -> tuple[float, float, float]:
     """Return the force [N] of a layer's formula and its slopes over depth [N/m] and rate [N s/m], not clamped.
 
     `law` is `ContactLaw.rows`. Depth [m] and rate [m/s] are those of the penetration; `impact_speed` [m/s] is the
@@ -86,7 +90,9 @@ def force_at(law: Floats, layer: int, depth: float, rate: float, impact_speed: f
     damping, exponent = float(law[layer, DAMPING]), float(law[layer, EXPONENT])
     if over > 0.0:
         over = min(over, DEEPEST)
-        slope = float(law[layer, STIFFNESS]) * (math.sqrt(over) if exponent == 1.5 else over ** (exponent - 1.0))
+        slope = float(law[layer, STIFFNESS]) * (
+            math.sqrt(over) if exponent == 1.5 else over ** (exponent - 1.0)
+        )
         elastic, slope = slope * over, exponent * slope
     loss = float(law[layer, LOSS])
     if loss != 0.0:
@@ -106,7 +112,9 @@ def layer_at(law: Floats, depth: float) -> int:
 
 
 @in_kernel
-def law_force(law: Floats, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
+def law_force(
+    law: Floats, depth: float, rate: float, impact_speed: float
+) -> tuple[float, float, float]:
     """Return force and slopes as `force_at` does, in the layer of the depth [m]; 0 when apart.
 
     Exactly at the beginning of a layer they are those of the layer before.
@@ -146,7 +154,9 @@ class ContactLaw:
         """Whether the force depends on the penetration rate at which the contact began."""
         return any(layer.loss != 0.0 for layer in self.layers)
 
-    def force_at(self, depth: float, rate: float, impact_speed: float = 0.0) -> tuple[float, float, float]:
+    def force_at(
+        self, depth: float, rate: float, impact_speed: float = 0.0
+    ) -> tuple[float, float, float]:
         """Return force [N] and slopes [N/m], [N s/m] in the layer of a depth [m], not clamped; 0 when apart."""
         return law_force(self.rows, depth, rate, impact_speed)
 
@@ -172,17 +182,27 @@ def kelvin_voigt(*, stiffness: float, exponent: float, damping: float) -> Contac
     return ContactLaw((Layer(stiffness=stiffness, exponent=exponent, damping=damping),))
 
 
-def two_layer_elastic(*, stiffness: float, exponent: float, layer_depth: float, stiffness_2: float) -> ContactLaw:
+def two_layer_elastic(
+    *, stiffness: float, exponent: float, layer_depth: float, stiffness_2: float
+) -> ContactLaw:
     """Return cartilage on bone, elastic (Eq. 11): K₁ δⁿ up to `layer_depth` h [m], then K₁ hⁿ + K₂ (δ - h)ⁿ.
 
     `stiffness` is K₁ and `stiffness_2` K₂ [N/mⁿ]. The stiffness jumps at h. The law has no damping.
     """
     base = force_at(np.array([Layer(0.0, 0.0, stiffness, exponent)]), 0, layer_depth, 0.0, 0.0)[0]
-    return ContactLaw((Layer(0.0, 0.0, stiffness, exponent), Layer(layer_depth, base, stiffness_2, exponent)))
+    return ContactLaw(
+        (Layer(0.0, 0.0, stiffness, exponent), Layer(layer_depth, base, stiffness_2, exponent))
+    )
 
 
 def two_layer_viscoelastic(
-    *, stiffness: float, exponent: float, damping: float, layer_depth: float, stiffness_2: float, damp_first_layer: bool
+    *,
+    stiffness: float,
+    exponent: float,
+    damping: float,
+    layer_depth: float,
+    stiffness_2: float,
+    damp_first_layer: bool,
 ) -> ContactLaw:
     """Return cartilage on bone with a dashpot of `damping` C [N s/m] in the second layer (Eq. 12), or in both.
 
@@ -197,7 +217,9 @@ def two_layer_viscoelastic(
     return ContactLaw((cartilage._replace(damping=first), bone._replace(damping=damping)))
 
 
-def _impact_damped(stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
+def _impact_damped(
+    stiffness: float, exponent: float, loss: float, least_impact_speed: float
+) -> ContactLaw:
     """Return a law whose damping remembers the impact: F = K δⁿ (1 + D δ̇ / max(v₀, v_least)).
 
     The laws that use it differ only in the loss number D(e), where e is the wanted coefficient of restitution. The
@@ -208,7 +230,9 @@ def _impact_damped(stiffness: float, exponent: float, loss: float, least_impact_
     return ContactLaw((Layer(0.0, 0.0, stiffness, exponent, 0.0, loss, least_impact_speed),))
 
 
-def hunt_crossley(*, stiffness: float, exponent: float, restitution: float, least_impact_speed: float) -> ContactLaw:
+def hunt_crossley(
+    *, stiffness: float, exponent: float, restitution: float, least_impact_speed: float
+) -> ContactLaw:
     """Return the law with D = 1.5 (1 - e), for small losses; see `_impact_damped` for the other arguments.
 
     Source: Hunt & Crossley 1975, doi:10.1115/1.3423596, with their e = 1 - α v₀ and D = 1.5 α v₀. Impacts deliver e
@@ -228,28 +252,40 @@ def lankarani_nikravesh(
     return _impact_damped(stiffness, exponent, 0.75 * (1.0 - restitution**2), least_impact_speed)
 
 
-def flores(*, stiffness: float, exponent: float, restitution: float, least_impact_speed: float) -> ContactLaw:
+def flores(
+    *, stiffness: float, exponent: float, restitution: float, least_impact_speed: float
+) -> ContactLaw:
     """Return the law with D = 8 (1 - e) / (5 e), for soft materials; see `_impact_damped` for the other arguments.
 
     Source: Flores, Machado, Silva & Martins 2011, doi:10.1007/s11044-010-9237-4. Impacts deliver e within 0.05 (0.470
     for e = 0.5), within 0.01 for e >= 0.83. `gonthier` is the better one for e below 0.6.
     """
-    return _impact_damped(stiffness, exponent, 8.0 * (1.0 - restitution) / (5.0 * restitution), least_impact_speed)
+    return _impact_damped(
+        stiffness, exponent, 8.0 * (1.0 - restitution) / (5.0 * restitution), least_impact_speed
+    )
 
 
-def gonthier(*, stiffness: float, exponent: float, restitution: float, least_impact_speed: float) -> ContactLaw:
+def gonthier(
+    *, stiffness: float, exponent: float, restitution: float, least_impact_speed: float
+) -> ContactLaw:
     """Return the law with D = (1 - e²) / e, for large losses; see `_impact_damped` for the other arguments.
 
     Source: Gonthier, McPhee, Lange & Piedbœuf 2004, doi:10.1023/B:MUBO.0000029392.21648.bc. Impacts deliver e within
     0.033 (0.488 for e = 0.5), exactly e where e nears 0, and a third too little loss where e nears 1.
     """
-    return _impact_damped(stiffness, exponent, (1.0 - restitution**2) / restitution, least_impact_speed)
+    return _impact_damped(
+        stiffness, exponent, (1.0 - restitution**2) / restitution, least_impact_speed
+    )
 
 
 def elastic_foundation(
-    *, youngs_modulus: float, poissons_ratio: float, foundation_thickness: float, femoral_radius: float,
+    *,
+    youngs_modulus: float,
+    poissons_ratio: float,
+    foundation_thickness: float,
+    femoral_radius: float,
     tibial_radius: float,
-) -> ContactLaw:  # fmt: skip
+) -> ContactLaw:
     """Return a bed of independent springs on rigid bone, pressed by a sphere: F = π (M/t) R δ² (Winkler).
 
     M = E (1 - ν) / ((1 + ν) (1 - 2ν)) is the modulus of a layer that is bonded to bone and cannot spread sideways: E is
@@ -263,15 +299,31 @@ def elastic_foundation(
     Raises:
         ValueError: see `relative_radius`.
     """
-    modulus = youngs_modulus * (1.0 - poissons_ratio) / ((1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio))
-    stiffness = math.pi * modulus / foundation_thickness * relative_radius(femoral_radius, tibial_radius)
+    modulus = (
+        youngs_modulus
+        * (1.0 - poissons_ratio)
+        / ((1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio))
+    )
+    stiffness = (
+        math.pi * modulus / foundation_thickness * relative_radius(femoral_radius, tibial_radius)
+    )
     return ContactLaw((Layer(stiffness=stiffness, exponent=2.0),), foundation_thickness)
 
 
-CONTACT_LAWS: dict[str, Callable[..., ContactLaw]] = {law.__name__: law for law in (
-    hertz, kelvin_voigt, two_layer_elastic, two_layer_viscoelastic, hunt_crossley, lankarani_nikravesh, flores,
-    gonthier, elastic_foundation,
-)}  # fmt: skip
+CONTACT_LAWS: dict[str, Callable[..., ContactLaw]] = {
+    law.__name__: law
+    for law in (
+        hertz,
+        kelvin_voigt,
+        two_layer_elastic,
+        two_layer_viscoelastic,
+        hunt_crossley,
+        lankarani_nikravesh,
+        flores,
+        gonthier,
+        elastic_foundation,
+    )
+}
 """Contact laws by the names that the parameter `contact.law` uses"""
 
 
@@ -317,20 +369,31 @@ def check(law: ContactLaw) -> None:
     """
     begins = [layer.begin for layer in law.layers]
     if not begins or begins[0] != 0.0 or any(not b > a for a, b in pairwise(begins)):
-        raise ValueError(f"contact law: the first layer must begin at 0 m and each next one deeper, got {begins}")
+        raise ValueError(
+            f"contact law: the first layer must begin at 0 m and each next one deeper, got {begins}"
+        )
     for number, layer in enumerate(law.layers, start=1):
         before = law.layers[number - 2].force_at(layer.begin, 0.0)[0] if number > 1 else 0.0
-        if layer.form != COMMON and abs(layer.force_at(layer.begin, 0.0)[0] - before) > 1e-9 * max(1.0, abs(before)):
+        if layer.form != COMMON and abs(layer.force_at(layer.begin, 0.0)[0] - before) > 1e-9 * max(
+            1.0, abs(before)
+        ):
             raise ValueError(
                 f"contact law: layer {number} does not begin with the force at which the layer before ends"
             )
         for beyond in TRIED if layer.form != COMMON else ():
             depth, step = layer.begin + beyond, 1e-5 * beyond
-            (force, stiffness, damping), moving = layer.force_at(depth, 0.0), layer.force_at(depth, 0.1)[0]
-            slope = (layer.force_at(depth + step, 0.0)[0] - layer.force_at(depth - step, 0.0)[0]) / (2.0 * step)
+            (force, stiffness, damping), moving = (
+                layer.force_at(depth, 0.0),
+                layer.force_at(depth, 0.1)[0],
+            )
+            slope = (
+                layer.force_at(depth + step, 0.0)[0] - layer.force_at(depth - step, 0.0)[0]
+            ) / (2.0 * step)
             true = abs(slope - stiffness) <= 1e-3 * (abs(stiffness) + abs(slope))
             linear = abs(moving - force - 0.1 * damping) <= 1e-6 * (abs(force) + abs(moving))
-            if not (true and linear and math.isfinite(moving) and stiffness >= 0.0 and damping >= 0.0):
+            if not (
+                true and linear and math.isfinite(moving) and stiffness >= 0.0 and damping >= 0.0
+            ):
                 raise ValueError(
                     f"contact law: layer {number} is not finite, has wrong or negative slopes ({stiffness:g} N/m where "
                     f"the force has {slope:g}, {damping:g} N s/m), or is not linear in the rate, at {depth:g} m"

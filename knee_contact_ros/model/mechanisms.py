@@ -68,7 +68,9 @@ class Mechanism:
     def largest_slope(self) -> float:
         """Upper bound of |dx/dangle| [m/rad] over all angles: a slope lies in the hull of its Bézier points."""
         (_, _, c1, c2, c3), width = self.pieces.T, self._widths
-        return float(np.abs([c1, c1 + c2 * width, c1 + width * (2.0 * c2 + 3.0 * c3 * width)]).max())
+        return float(
+            np.abs([c1, c1 + c2 * width, c1 + width * (2.0 * c2 + 3.0 * c3 * width)]).max()
+        )
 
     @property
     def largest_bend(self) -> float:
@@ -108,28 +110,48 @@ def table(angle: ArrayLike, x: ArrayLike, name: str = "table") -> Mechanism:
     if (np.abs(x) > LARGEST).any():
         raise ValueError(f"a translation is beyond {LARGEST} m: are the numbers in metres?")
     chord, bends = np.diff(x) / width, np.zeros(angle.size)  # second derivatives, 0 at both ends
-    inner = np.diag(2.0 * (width[:-1] + width[1:])) + np.diag(width[1:-1], 1) + np.diag(width[1:-1], -1)
+    inner = (
+        np.diag(2.0 * (width[:-1] + width[1:]))
+        + np.diag(width[1:-1], 1)
+        + np.diag(width[1:-1], -1)
+    )
     bends[1:-1] = np.linalg.solve(inner, 6.0 * np.diff(chord))
     left, right = bends[:-1], bends[1:]
     slope = chord - width * (2.0 * left + right) / 6.0
     last_slope = chord[-1] + width[-1] * left[-1] / 6.0
-    cubics = np.column_stack([angle[:-1], x[:-1], slope, left / 2.0, (right - left) / (6.0 * width)])
-    ends = np.array([[angle[0], x[0], slope[0], 0.0, 0.0], [angle[-1], x[-1], last_slope, 0.0, 0.0]])
+    cubics = np.column_stack(
+        [angle[:-1], x[:-1], slope, left / 2.0, (right - left) / (6.0 * width)]
+    )
+    ends = np.array(
+        [[angle[0], x[0], slope[0], 0.0, 0.0], [angle[-1], x[-1], last_slope, 0.0, 0.0]]
+    )
     return Mechanism(name, np.concatenate([ends[:1], cubics, ends[1:]]))
 
 
-SPHERES: Floats = np.array([(0.0002458, 0.0034071, -0.0232019), (-0.0032853, 0.0021225, 0.0262054)])
+SPHERES: Floats = np.array(
+    [(0.0002458, 0.0034071, -0.0232019), (-0.0032853, 0.0021225, 0.0262054)]
+)
 """Centres of the medial and of the lateral sphere in the femur frame [m]"""
-PLANES: Floats = np.array([(-0.0021344, -0.0286241, -0.0191308), (-0.0027946, -0.0260861, 0.0243679)])
+PLANES: Floats = np.array(
+    [(-0.0021344, -0.0286241, -0.0191308), (-0.0027946, -0.0260861, 0.0243679)]
+)
 """A point of the plane that each of them touches, in the tibia frame [m]"""
 NORMALS: Floats = np.array([(0.0675, 0.9896, -0.1273), (-0.0881, 0.9942, 0.0617)])
 """Normals of the planes towards the spheres, in the tibia frame; of any length"""
-ON_FEMUR: Floats = np.array([
-    (-0.0067712, 0.0075255, 0.0091575), (-0.0026610, -0.0010906, -0.0021857), (0.0027608, 0.0057798, -0.0476279),
-])  # fmt: skip
-ON_TIBIA: Floats = np.array([
-    (0.0127709, -0.0261454, -0.0000617), (-0.0258519, -0.0381449, -0.0035210), (0.0021345, -0.1171068, -0.0057872),
-])  # fmt: skip
+ON_FEMUR: Floats = np.array(
+    [
+        (-0.0067712, 0.0075255, 0.0091575),
+        (-0.0026610, -0.0010906, -0.0021857),
+        (0.0027608, 0.0057798, -0.0476279),
+    ]
+)
+ON_TIBIA: Floats = np.array(
+    [
+        (0.0127709, -0.0261454, -0.0000617),
+        (-0.0258519, -0.0381449, -0.0035210),
+        (0.0021345, -0.1171068, -0.0057872),
+    ]
+)
 """Attachments of the fibres in both frames [m]: anterior cruciate, posterior cruciate, medial collateral"""
 DISTANCES: Floats = np.array([0.03232, 0.02834, 0.04053, 0.04326, 0.12970])
 """Radii of the spheres and lengths of the fibres [m]
@@ -143,18 +165,25 @@ the closed mechanism stands 3.1 deg internally rotated at full extension. It jam
 
 def rotation(flexion: float, abduction: float, internal_rotation: float) -> Floats:
     """Return R, shape (3, 3), which rotates directions from the femur frame to the tibia frame, from angles [rad]."""
-    (sf, cf), (sa, ca), (si, ci) = ((math.sin(a), math.cos(a)) for a in (flexion, abduction, internal_rotation))
-    return np.array([
-        [ci * cf - si * sa * sf, -ci * sf - si * sa * cf, -si * ca],
-        [ca * sf, ca * cf, -sa],
-        [si * cf + ci * sa * sf, -si * sf + ci * sa * cf, ci * ca],
-    ])  # fmt: skip
+    (sf, cf), (sa, ca), (si, ci) = (
+        (math.sin(a), math.cos(a)) for a in (flexion, abduction, internal_rotation)
+    )
+    return np.array(
+        [
+            [ci * cf - si * sa * sf, -ci * sf - si * sa * cf, -si * ca],
+            [ca * sf, ca * cf, -sa],
+            [si * cf + ci * sa * sf, -si * sf + ci * sa * cf, ci * ca],
+        ]
+    )
 
 
 def parallel_mechanism() -> Mechanism:
     """Return the translation of the medial sphere's centre, 0 at full extension, from `START` to `STOP`."""
     angles, poses = passive_motion()
-    turned = [rotation(angle, *pose[3:])[0] @ SPHERES[0] for angle, pose in zip(angles.tolist(), poses, strict=True)]
+    turned = [
+        rotation(angle, *pose[3:])[0] @ SPHERES[0]
+        for angle, pose in zip(angles.tolist(), poses, strict=True)
+    ]
     x = poses[:, 0] + turned
     return table(angles, x - x[angles == 0.0][0], "parallel mechanism")
 
@@ -183,7 +212,9 @@ def closed(flexion: float, pose: Floats) -> Floats:
         if np.abs(errors).max() < CLOSED:
             return pose
         pose = pose - np.linalg.solve(jacobian, errors)
-    raise ValueError(f"the parallel mechanism cannot be assembled at {math.degrees(flexion):.1f} deg of flexion")
+    raise ValueError(
+        f"the parallel mechanism cannot be assembled at {math.degrees(flexion):.1f} deg of flexion"
+    )
 
 
 def linearised(flexion: float, pose: Floats) -> tuple[Floats, Floats]:
@@ -196,7 +227,9 @@ def linearised(flexion: float, pose: Floats) -> tuple[Floats, Floats]:
     arms = np.concatenate([SPHERES, ON_FEMUR]) @ rotation(flexion, abduction, internal_rotation).T
     gaps = arms + pose[:3] - np.concatenate([PLANES, ON_TIBIA])
     lines = gaps / np.sqrt((gaps * gaps).sum(axis=1))[:, None]  # a fibre pulls along itself
-    lines[:2] = NORMALS / np.linalg.norm(NORMALS, axis=1)[:, None]  # a contact pushes along its normal
+    lines[:2] = (
+        NORMALS / np.linalg.norm(NORMALS, axis=1)[:, None]
+    )  # a contact pushes along its normal
     moments = arms[:, [1, 2, 0]] * lines[:, [2, 0, 1]] - arms[:, [2, 0, 1]] * lines[:, [1, 2, 0]]
     abduction_axis = (math.cos(internal_rotation), 0.0, math.sin(internal_rotation))
     jacobian = np.column_stack([lines, moments @ abduction_axis, -moments[:, 1]])

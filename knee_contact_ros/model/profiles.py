@@ -55,7 +55,9 @@ class Table(NamedTuple):
 
 
 @in_kernel
-def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float) -> tuple[float, float, float]:
+def lowest_point(
+    begins: Integers, starts: Floats, cubics: Floats, angle: float
+) -> tuple[float, float, float]:
     """Return support h [m], dh/dangle [m/rad], and the lowest point's place on the curve [m], in closed form.
 
     On a segment, h is stationary where the tangent is parallel to the plane: a quadratic.
@@ -65,10 +67,19 @@ def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float)
     best, slope, place = -math.inf, 0.0, 0.0
     for k in range(int(begins[cell]), int(begins[cell + 1])):
         i = int(starts[k, 0])
-        length, x1, x2, x3 = float(cubics[i, 0]), float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
+        length, x1, x2, x3 = (
+            float(cubics[i, 0]),
+            float(cubics[i, 3]),
+            float(cubics[i, 4]),
+            float(cubics[i, 5]),
+        )
         x0, y0, y1, y2, y3 = (
-            float(cubics[i, 2]), float(cubics[i, 6]), float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
-        )  # fmt: skip
+            float(cubics[i, 2]),
+            float(cubics[i, 6]),
+            float(cubics[i, 7]),
+            float(cubics[i, 8]),
+            float(cubics[i, 9]),
+        )
         c0, c1 = -(sine * x0 + cosine * y0), -(sine * x1 + cosine * y1)
         c2, c3 = -(sine * x2 + cosine * y2), -(sine * x3 + cosine * y3)
         discriminant = c2 * c2 - 3.0 * c3 * c1
@@ -84,7 +95,9 @@ def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float)
 
 
 @inlined
-def support_at(cells: Floats, begins: Integers, starts: Floats, cubics: Floats, angle: float) -> tuple[float, float]:
+def support_at(
+    cells: Floats, begins: Integers, starts: Floats, cubics: Floats, angle: float
+) -> tuple[float, float]:
     """Return support h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
     part = angle * PER_RADIAN
     part -= CELLS * math.floor(part * (1.0 / CELLS))
@@ -133,7 +146,9 @@ class Circle:
         Its gap is wider by the difference, so surfaces never overlap, where the nearest points would be ambiguous.
         """
         turn = np.linspace(-0.5 * math.pi - 1.4, -0.5 * math.pi + 1.4, ARC_POINTS)
-        return Profile(SHRUNK * self.radius * np.cos(turn), SHRUNK * self.radius * np.sin(turn)).cubics
+        return Profile(
+            SHRUNK * self.radius * np.cos(turn), SHRUNK * self.radius * np.sin(turn)
+        ).cubics
 
     @property
     def on_plane(self) -> Table:
@@ -177,7 +192,9 @@ class Profile:
         chords = np.hypot(*np.diff(points))
         spline = CubicSpline(np.concatenate([[0.0], np.cumsum(chords)]), points, axis=1)
         axes = np.moveaxis(spline.c[::-1], 2, 0)  # ascending powers; shape (2, 4, segments)
-        object.__setattr__(self, "cubics", np.column_stack([chords, spline.x[:-1], *axes.reshape(8, -1)]))
+        object.__setattr__(
+            self, "cubics", np.column_stack([chords, spline.x[:-1], *axes.reshape(8, -1)])
+        )
 
     def __str__(self) -> str:
         return "profile"
@@ -196,16 +213,24 @@ class Profile:
     @cached_property
     def _hull(self) -> Floats:
         """Bézier points x and y [m] of every segment, which lies in their hull; shape (2, 4, segments)."""
-        length, (c0, c1, c2, c3) = self.cubics[:, 0], self.cubics[:, 2:].T.reshape(2, 4, -1).swapaxes(0, 1)
+        length, (c0, c1, c2, c3) = (
+            self.cubics[:, 0],
+            self.cubics[:, 2:].T.reshape(2, 4, -1).swapaxes(0, 1),
+        )
         end = c0 + length * (c1 + length * (c2 + length * c3))
-        return np.stack([c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0, end], axis=1)
+        return np.stack(
+            [c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0, end], axis=1
+        )
 
     def outline(self, points_per_segment: int = 4) -> Floats:
         """Return points along the curve, shape (n, 2) [m] in the femur frame, for drawing."""
         part = np.linspace(0.0, 1.0, points_per_segment, endpoint=False)
         length, _, *coefficients = self.cubics.T[:, :, None]
         u = part * length
-        axes = [c0 + u * (c1 + u * (c2 + u * c3)) for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])]
+        axes = [
+            c0 + u * (c1 + u * (c2 + u * c3))
+            for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])
+        ]
         return np.stack([axis.ravel() for axis in axes], axis=1)
 
     def support(self, angle: float) -> tuple[float, float]:
@@ -225,7 +250,9 @@ class Profile:
         polynomials = np.full((CELLS, DEGREE + 1), math.nan)
         where, only = cells[alone], segments[alone]
         middle = self._lowest(only, where, np.zeros(1))[0][:, 0]
-        found, error = cell_polynomials(middle, *(self._lowest(only, where, t)[2] for t in (NODES, TRIED)))
+        found, error = cell_polynomials(
+            middle, *(self._lowest(only, where, t)[2] for t in (NODES, TRIED))
+        )
         polynomials[where[error <= CLOSE]] = found[error <= CLOSE]
         # The place of the lowest point at both edges of each cell
         order = np.lexsort((-h[:, 0], cells)), np.lexsort((-h[:, -1], cells))
@@ -254,7 +281,9 @@ class Profile:
         cells, segments = np.nonzero(behind <= half_width * distances[best])
         return cells.astype(np.int64), segments.astype(np.int64)
 
-    def _lowest(self, segments: Integers, cells: Integers, t: Floats) -> tuple[Floats, Floats, Floats]:
+    def _lowest(
+        self, segments: Integers, cells: Integers, t: Floats
+    ) -> tuple[Floats, Floats, Floats]:
         """Return h [m], the parameter u [m] and h' [m/rad] of segments at places t of cells; shape (segments, t)."""
         length, _, x0, x1, x2, x3, y0, y1, y2, y3 = self.cubics[segments].T[:, :, None]
         angle = (cells[:, None] + 0.5 + t) * (math.tau / CELLS)
@@ -263,7 +292,10 @@ class Profile:
         c2, c3 = -(sine * x2 + cosine * y2), -(sine * x3 + cosine * y3)
         with np.errstate(divide="ignore", invalid="ignore"):
             q = -(c2 + np.copysign(np.sqrt(c2 * c2 - 3.0 * c3 * c1), c2))
-            roots = [np.clip(np.nan_to_num(root, nan=0.0), 0.0, length) for root in (c1 / q, q / (3.0 * c3))]
+            roots = [
+                np.clip(np.nan_to_num(root, nan=0.0), 0.0, length)
+                for root in (c1 / q, q / (3.0 * c3))
+            ]
         places = np.stack([0.0 * angle, length + 0.0 * angle, *roots])
         depths = c0 + places * (c1 + places * (c2 + places * c3))
         best = depths.argmax(axis=0)[None]
@@ -271,7 +303,9 @@ class Profile:
         x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
         return h, u, sine * y - cosine * x
 
-    def _kinks(self, begins: Integers, starts: Floats, open_cells: NDArray[Any], edges: Floats) -> list[float]:
+    def _kinks(
+        self, begins: Integers, starts: Floats, open_cells: NDArray[Any], edges: Floats
+    ) -> list[float]:
         """Return the angles [rad] of `Table.kinks`; `edges` has the places [m] at both edges of each cell.
 
         While the lowest point glides, the curve bends to the same side all along. If it does not between the lowest
@@ -284,7 +318,9 @@ class Profile:
             if abs(to_place - from_place) <= LEAP or self._bends_on(from_place, to_place):
                 return
             if b - a <= RESOLUTION or not a < middle < b:
-                if not found or middle - found[-1] > 10.0 * RESOLUTION:  # else level pieces rock to and fro by rounding
+                if (
+                    not found or middle - found[-1] > 10.0 * RESOLUTION
+                ):  # else level pieces rock to and fro by rounding
                     found.append(middle)
                 return
             between = lowest_point(begins, starts, self.cubics, middle)[2]
@@ -293,7 +329,12 @@ class Profile:
 
         width = math.tau / CELLS
         for cell in range(CELLS):
-            a, b, left, right = cell * width, (cell + 1) * width, float(edges[0, cell]), float(edges[1, cell])
+            a, b, left, right = (
+                cell * width,
+                (cell + 1) * width,
+                float(edges[0, cell]),
+                float(edges[1, cell]),
+            )
             search(a, a, float(edges[1, cell - 1]), left)
             if open_cells[cell]:
                 search(a, b, left, right)
@@ -301,15 +342,25 @@ class Profile:
 
     def _bends_on(self, a: float, b: float) -> bool:
         """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
-        sign, (low, high) = (-1.0 if b > a else 1.0), sorted((a, b))  # the direction that is down turns clockwise
+        sign, (low, high) = (
+            (-1.0 if b > a else 1.0),
+            sorted((a, b)),
+        )  # the direction that is down turns clockwise
         starts = self.cubics[:, 1]
         i, end = np.searchsorted(starts, (low, high), side="right")
         length, start, _, x1, x2, x3, _, y1, y2, y3 = self.cubics[max(int(i) - 2, 0) : int(end)].T
-        bend = 2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)  # p' x p'' along u
+        bend = (
+            2.0 * (x1 * y2 - y1 * x2),
+            6.0 * (x1 * y3 - y1 * x3),
+            6.0 * (x2 * y3 - y2 * x3),
+        )  # p' x p'' along u
         begin, until = np.maximum(low - start, 0.0), np.minimum(high - start, length)
         with np.errstate(divide="ignore", invalid="ignore"):
             extreme = np.clip(np.nan_to_num(-0.5 * bend[1] / bend[2], nan=0.0), begin, until)
-        least = np.min([sign * (bend[0] + u * (bend[1] + u * bend[2])) for u in (begin, until, extreme)], axis=0)
+        least = np.min(
+            [sign * (bend[0] + u * (bend[1] + u * bend[2])) for u in (begin, until, extreme)],
+            axis=0,
+        )
         return bool((least[begin < until] > 0.0).all())
 
 

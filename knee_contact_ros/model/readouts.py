@@ -32,16 +32,24 @@ from knee_contact_ros.model.types import NANOSECOND, ContactState, Rows, Status
 
 Readings = NDArray[Any]
 """Readouts of answers: an array of `READOUTS`, shape (n,)"""
-READOUTS = np.dtype([
-    ("half_width", "f8"),  # [m] of the patch, which is round
-    ("mean_pressure", "f8"),  # [Pa]
-    ("peak_pressure", "f8"),  # [Pa] in the middle of the patch
-    ("strain", "f8"),  # nominal, of the cartilage
-    ("loading_rate", "f8"),  # [N/s] of the contact force since the tick before
-])  # fmt: skip
+READOUTS = np.dtype(
+    [
+        ("half_width", "f8"),  # [m] of the patch, which is round
+        ("mean_pressure", "f8"),  # [Pa]
+        ("peak_pressure", "f8"),  # [Pa] in the middle of the patch
+        ("strain", "f8"),  # nominal, of the cartilage
+        ("loading_rate", "f8"),  # [N/s] of the contact force since the tick before
+    ]
+)
 SPREAD = ("half_width", "mean_pressure", "peak_pressure", "strain")
 """Names of the readouts that depend on the contact law"""
-UNITS = {"half_width": "m", "mean_pressure": "Pa", "peak_pressure": "Pa", "strain": "", "loading_rate": "N/s"}
+UNITS = {
+    "half_width": "m",
+    "mean_pressure": "Pa",
+    "peak_pressure": "Pa",
+    "strain": "",
+    "loading_rate": "N/s",
+}
 """Units of the readouts, by name"""
 
 
@@ -120,9 +128,13 @@ def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
     pressed = (rows["load"] > 0.0) & (rows["contact_force"] > 0.0)
     ratio = np.divide(rows["contact_force"], rows["load"], out=np.ones(len(rows)), where=pressed)
     force = found["contact_force"] = deviation * np.where(pressed, ratio, 1.0)
-    stiffness = np.array([law.force_at(depth, 0.0)[1] for depth in rows["penetration_depth"].tolist()])
+    stiffness = np.array(
+        [law.force_at(depth, 0.0)[1] for depth in rows["penetration_depth"].tolist()]
+    )
     slope = np.divide(force, stiffness, out=np.full(len(rows), np.inf), where=stiffness > 0.0)
-    for place in np.flatnonzero(rows["contact_force"] < force).tolist():  # elsewhere the slope is less, as laws harden
+    for place in np.flatnonzero(
+        rows["contact_force"] < force
+    ).tolist():  # elsewhere the slope is less, as laws harden
         slope[place] = min(slope[place], plain_static_depth(law.rows, float(force[place])))
     found["penetration_depth"] = slope * np.where(np.isnan(force), np.nan, 1.0)
     return found.view(np.recarray)

@@ -249,22 +249,44 @@ class Result(NamedTuple):
 
 
 @inlined
-def stage_at(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float) -> Stage:
+def stage_at(
+    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float
+) -> Stage:
     """Return the contact in a layer at s [s] for a height [m] and a velocity [m/s]; `impact` [m/s] is that of touch."""
-    depth, surface_rate, cosine = touch(knee.surfaces, tick.angle + tick.angle_rate * s, tick.angle_rate, y)
-    return stage_in(knee, tick, layer, impact, s, depth, surface_rate - cosine * v, surface_rate, cosine)
+    depth, surface_rate, cosine = touch(
+        knee.surfaces, tick.angle + tick.angle_rate * s, tick.angle_rate, y
+    )
+    return stage_in(
+        knee, tick, layer, impact, s, depth, surface_rate - cosine * v, surface_rate, cosine
+    )
 
 
 @inlined
 def stage_in(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, depth: float, rate: float, surface_rate: float,
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    s: float,
+    depth: float,
+    rate: float,
+    surface_rate: float,
     cosine: float,
-) -> Stage:  # fmt: skip
+) -> Stage:
     """Return the contact in a layer at s [s] where the surfaces are known to lie: see the fields of `Stage`."""
     force, stiffness, damping = force_at(knee.law, layer, depth, rate, impact)
     acceleration = (cosine * force - tick.load - tick.load_rate * s) * knee.per_mass
     square = cosine * cosine
-    return Stage(depth, rate, force, square * stiffness, square * damping, surface_rate, cosine, acceleration)
+    return Stage(
+        depth,
+        rate,
+        force,
+        square * stiffness,
+        square * damping,
+        surface_rate,
+        cosine,
+        acceleration,
+    )
 
 
 @in_kernel
@@ -278,7 +300,9 @@ def inside_by(knee: Knee, layer: int, pressing: bool, boundary: int, stage: Stag
 
 
 @in_kernel
-def crossed(knee: Knee, tick: Interval, layer: int, pressing: bool, stage: Stage, known: int) -> int:
+def crossed(
+    knee: Knee, tick: Interval, layer: int, pressing: bool, stage: Stage, known: int
+) -> int:
     """Return the first boundary of a mode that a contact has crossed, except the `known` one; `NOWHERE` if inside."""
     if known != ABOVE and stage.depth < knee.law[layer, BEGIN] - DEPTH_ROUNDING:
         return ABOVE
@@ -292,9 +316,15 @@ def crossed(knee: Knee, tick: Interval, layer: int, pressing: bool, stage: Stage
 
 @in_kernel
 def scan(
-    knee: Knee, tick: Interval, layer: int, known: int, h: float, begin: Stage,
-    fractions: tuple[float, ...], stages: tuple[Stage, ...],
-) -> tuple[int, float, float]:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    known: int,
+    h: float,
+    begin: Stage,
+    fractions: tuple[float, ...],
+    stages: tuple[Stage, ...],
+) -> tuple[int, float, float]:
     """Return the first boundary that the stages of a step of `h` [s] cross, where, and their largest leap [m/s].
 
     The stages are in the order of their `fractions` of the step. The `known` boundary is not reported at the end,
@@ -318,9 +348,17 @@ def scan(
 
 @inlined
 def explicit_step(
-    knee: Knee, tick: Interval, layer: int, impact: float, known: int, s: float, y: float, v: float, h: float,
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    known: int,
+    s: float,
+    y: float,
+    v: float,
+    h: float,
     one: Stage,
-) -> Step:  # fmt: skip
+) -> Step:
     """Take one step of Fehlberg's method of `h` [s] from s [s] on, from the contact `one`."""
     a1 = one.acceleration
     v2 = v + h * (A21 * a1)
@@ -330,7 +368,9 @@ def explicit_step(
     three = stage_at(knee, tick, layer, impact, s + C3 * h, y + h * (A31 * v + A32 * v2), v3)
     a3 = three.acceleration
     v4 = v + h * (A41 * a1 + A42 * a2 + A43 * a3)
-    four = stage_at(knee, tick, layer, impact, s + C4 * h, y + h * (A41 * v + A42 * v2 + A43 * v3), v4)
+    four = stage_at(
+        knee, tick, layer, impact, s + C4 * h, y + h * (A41 * v + A42 * v2 + A43 * v3), v4
+    )
     a4 = four.acceleration
     v5 = v + h * (A51 * a1 + A52 * a2 + A53 * a3 + A54 * a4)
     high = y + h * (A51 * v + A52 * v2 + A53 * v3 + A54 * v4)
@@ -341,31 +381,51 @@ def explicit_step(
     height = y + h * (B1 * v + B3 * v3 + B4 * v4 + B5 * v5)
     velocity = v + h * (B1 * a1 + B3 * a3 + B4 * a4 + B5 * a5)
     end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
-    begins = abs(end.depth - one.depth) >= min(one.depth, end.depth) - float(knee.law[layer, BEGIN])
+    begins = abs(end.depth - one.depth) >= min(one.depth, end.depth) - float(
+        knee.law[layer, BEGIN]
+    )
     knots = abs(tick.angle_rate) * h > NEAR_KNOT * knee.surfaces.knot_spacing
     scale = h * SINGULAR if begins or knots else h
     least = min(two.depth, three.depth, four.depth, six.depth, end.depth)
     most = max(two.depth, three.depth, four.depth, six.depth, end.depth)
     weakest = min(two.force, three.force, four.force, six.force, end.force)
     boundary, fraction, leapt = NOWHERE, 1.0, 0.0
-    room = min(least - float(knee.law[layer, BEGIN]), weakest, float(knee.law[layer + 1, BEGIN]) - most)
+    room = min(
+        least - float(knee.law[layer, BEGIN]), weakest, float(knee.law[layer + 1, BEGIN]) - most
+    )
     if room < knee.surfaces.non_convex:  # which is 0 or 1: then there may be leaps
         stages = (two, three, six, four, end)
         boundary, fraction, leapt = scan(knee, tick, layer, known, h, one, EXPLICIT_ORDER, stages)
     return Step(
-        height=height, velocity=velocity,
+        height=height,
+        velocity=velocity,
         height_error=scale * (E1 * v + E3 * v3 + E4 * v4 + E5 * v5 + E6 * v6),
         velocity_error=scale * (E1 * a1 + E3 * a3 + E4 * a4 + E5 * a5 + E6 * six.acceleration),
-        end=end, stiffness=six.stiffness, damping=six.damping, leapt=leapt, boundary=boundary, fraction=fraction,
-        evaluations=6, solved=True, implicit=False,
-    )  # fmt: skip
+        end=end,
+        stiffness=six.stiffness,
+        damping=six.damping,
+        leapt=leapt,
+        boundary=boundary,
+        fraction=fraction,
+        evaluations=6,
+        solved=True,
+        implicit=False,
+    )
 
 
 @in_kernel
 def solve_stage(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, height: float, velocity: float, diagonal: float,
-    guess: float, most: int,
-) -> tuple[float, Stage, int, bool, float]:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    s: float,
+    height: float,
+    velocity: float,
+    diagonal: float,
+    guess: float,
+    most: int,
+) -> tuple[float, Stage, int, bool, float]:
     """Solve an implicit stage at s [s] by Newton's method from the acceleration `guess` [m/s²].
 
     The height of the stage is `height` [m] plus `diagonal` [s] times its velocity, and the velocity is `velocity` [m/s]
@@ -385,7 +445,9 @@ def solve_stage(
         residual = mass * (unknown - velocity) - diagonal * (stage.cosine * stage.force - load)
         correction = residual / (mass + diagonal * slope)
         unknown -= correction
-        enough = max(min(NEWTON_SHARE * knee.tolerance, DEPTH_SHARE * stage.depth), LEAST_CORRECTION)
+        enough = max(
+            min(NEWTON_SHARE * knee.tolerance, DEPTH_SHARE * stage.depth), LEAST_CORRECTION
+        )
         arrived = abs(correction) * diagonal <= enough
         if arrived or evaluations >= most:
             break
@@ -397,50 +459,97 @@ def solve_stage(
         depth += diagonal * gain
         rate += gain
     acceleration = (stage.cosine * force - load) * knee.per_mass
-    solved = Stage(depth, rate, force, stage.stiffness, stage.damping, stage.surface_rate, stage.cosine, acceleration)
+    solved = Stage(
+        depth,
+        rate,
+        force,
+        stage.stiffness,
+        stage.damping,
+        stage.surface_rate,
+        stage.cosine,
+        acceleration,
+    )
     return unknown, solved, evaluations, arrived, left
 
 
 @in_kernel
 def implicit_step(
-    knee: Knee, tick: Interval, layer: int, impact: float, known: int, s: float, y: float, v: float, h: float,
-    one: Stage, room: int,
-) -> Step:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    known: int,
+    s: float,
+    y: float,
+    v: float,
+    h: float,
+    one: Stage,
+    room: int,
+) -> Step:
     """Take one ESDIRK step of `h` [s] from s [s] on, from the contact `one`, with `room` evaluations at most.
 
     The embedded solution is not used: in gait its estimate was a fifth of the true error. `doubled_step` estimates it.
     """
     d, a1 = h * G, one.acceleration
     high, fast = y + h * (G21 * v), v + h * (G21 * a1)
-    v2, two, n2, ok2, e2 = solve_stage(knee, tick, layer, impact, s + D2 * h, high, fast, d, a1, room)
+    v2, two, n2, ok2, e2 = solve_stage(
+        knee, tick, layer, impact, s + D2 * h, high, fast, d, a1, room
+    )
     a2 = two.acceleration
     high, fast = y + h * (G31 * v + G32 * v2), v + h * (G31 * a1 + G32 * a2)
-    v3, three, n3, ok3, e3 = solve_stage(knee, tick, layer, impact, s + D3 * h, high, fast, d, a2, room - n2)
+    v3, three, n3, ok3, e3 = solve_stage(
+        knee, tick, layer, impact, s + D3 * h, high, fast, d, a2, room - n2
+    )
     a3, used = three.acceleration, n2 + n3
     high, fast = y + h * (G41 * v + G42 * v2 + G43 * v3), v + h * (G41 * a1 + G42 * a2 + G43 * a3)
-    v4, four, n4, ok4, e4 = solve_stage(knee, tick, layer, impact, s + D4 * h, high, fast, d, a3, room - used)
+    v4, four, n4, ok4, e4 = solve_stage(
+        knee, tick, layer, impact, s + D4 * h, high, fast, d, a3, room - used
+    )
     a4, used = four.acceleration, used + n4
     high = y + h * (G51 * v + G52 * v2 + G53 * v3 + G54 * v4)
     fast = v + h * (G51 * a1 + G52 * a2 + G53 * a3 + G54 * a4)
-    v5, five, n5, ok5, e5 = solve_stage(knee, tick, layer, impact, s + D5 * h, high, fast, d, a4, room - used)
+    v5, five, n5, ok5, e5 = solve_stage(
+        knee, tick, layer, impact, s + D5 * h, high, fast, d, a4, room - used
+    )
     a5, used = five.acceleration, used + n5
     high = y + h * (G61 * v + G63 * v3 + G64 * v4 + G65 * v5)
     fast = v + h * (G61 * a1 + G63 * a3 + G64 * a4 + G65 * a5)
-    v6, end, n6, ok6, e6 = solve_stage(knee, tick, layer, impact, s + h, high, fast, d, a5, room - used)
+    v6, end, n6, ok6, e6 = solve_stage(
+        knee, tick, layer, impact, s + h, high, fast, d, a5, room - used
+    )
     stages = (three, two, four, five, end)
     boundary, fraction, leapt = scan(knee, tick, layer, known, h, one, IMPLICIT_ORDER, stages)
     return Step(
-        height=high + d * v6, velocity=v6, height_error=e2 + e3 + e4 + e5 + e6, velocity_error=0.0, end=end,
-        stiffness=end.stiffness, damping=end.damping, leapt=leapt, boundary=boundary, fraction=fraction,
-        evaluations=used + n6, solved=ok2 and ok3 and ok4 and ok5 and ok6, implicit=True,
-    )  # fmt: skip
+        height=high + d * v6,
+        velocity=v6,
+        height_error=e2 + e3 + e4 + e5 + e6,
+        velocity_error=0.0,
+        end=end,
+        stiffness=end.stiffness,
+        damping=end.damping,
+        leapt=leapt,
+        boundary=boundary,
+        fraction=fraction,
+        evaluations=used + n6,
+        solved=ok2 and ok3 and ok4 and ok5 and ok6,
+        implicit=True,
+    )
 
 
 @in_kernel
 def doubled_step(
-    knee: Knee, tick: Interval, layer: int, impact: float, known: int, s: float, y: float, v: float, h: float,
-    one: Stage, room: int,
-) -> Step:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    known: int,
+    s: float,
+    y: float,
+    v: float,
+    h: float,
+    one: Stage,
+    room: int,
+) -> Step:
     """Take two ESDIRK steps of h/2 [s], with an error estimate from their difference to one whole step.
 
     Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, section II.4 (Richardson's estimate),
@@ -454,7 +563,17 @@ def doubled_step(
     middle = stage_at(knee, tick, layer, impact, s + 0.5 * h, first.height, first.velocity)
     used += first.evaluations + 1
     second = implicit_step(
-        knee, tick, layer, impact, known, s + 0.5 * h, first.height, first.velocity, 0.5 * h, middle, room - used
+        knee,
+        tick,
+        layer,
+        impact,
+        known,
+        s + 0.5 * h,
+        first.height,
+        first.velocity,
+        0.5 * h,
+        middle,
+        room - used,
     )
     stiff = h * (h * first.stiffness + first.damping) > STIFF * knee.mass
     gain = 3.0 if stiff or knee.surfaces.non_convex > 0.0 else 15.0
@@ -465,17 +584,26 @@ def doubled_step(
         boundary, fraction = first.boundary, 0.5 * first.fraction
     compared = (second.height - whole.height) / gain
     return Step(
-        height=second.height, velocity=second.velocity,
+        height=second.height,
+        velocity=second.velocity,
         height_error=compared + math.copysign(first.height_error + second.height_error, compared),
         velocity_error=(second.velocity - whole.velocity) / gain,
-        end=second.end, stiffness=first.stiffness, damping=first.damping, leapt=max(first.leapt, second.leapt),
-        boundary=boundary, fraction=fraction, evaluations=used + second.evaluations,
-        solved=whole.solved and first.solved and second.solved, implicit=True,
-    )  # fmt: skip
+        end=second.end,
+        stiffness=first.stiffness,
+        damping=first.damping,
+        leapt=max(first.leapt, second.leapt),
+        boundary=boundary,
+        fraction=fraction,
+        evaluations=used + second.evaluations,
+        solved=whole.solved and first.solved and second.solved,
+        implicit=True,
+    )
 
 
 @inlined
-def flown(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float) -> Step:
+def flown(
+    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float
+) -> Step:
     """Return a flight of `h` [s] from s [s] on, which is exact."""
     load = tick.load + tick.load_rate * s
     height = y + h * (v - h * (0.5 * load + tick.load_rate * h / 6.0) / knee.mass)
@@ -487,9 +615,20 @@ def flown(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: fl
 
 @in_kernel
 def attempt(
-    knee: Knee, tick: Interval, layer: int, pressing: bool, impact: float, known: int, s: float, y: float, v: float,
-    h: float, one: Stage, radius: float, room: int,
-) -> Step:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    pressing: bool,
+    impact: float,
+    known: int,
+    s: float,
+    y: float,
+    v: float,
+    h: float,
+    one: Stage,
+    radius: float,
+    room: int,
+) -> Step:
     """Compute one step of `h` [s] from the contact `one`, by the method that fits, without error control.
 
     `known` is the boundary that it is to end on, or `NOWHERE`; `radius` [1/s] is the contact's spectral radius; `room`
@@ -504,7 +643,14 @@ def attempt(
 
 @inlined
 def error_ratio(
-    knee: Knee, tick: Interval, layer: int, s: float, begin: Stage, step: Step, h: float, landed: bool
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    s: float,
+    begin: Stage,
+    step: Step,
+    h: float,
+    landed: bool,
 ) -> float:
     """Return the estimated error of a step over its share of the tolerance, which all steps that still count share.
 
@@ -519,11 +665,16 @@ def error_ratio(
     velocity_error = max(abs(step.velocity_error) - ROUNDING * speed, 0.0)
     # A leap happens once: its error is not one of many that add up while the contact remembers them.
     (decay, _), held = eigenvalues(k, c, mass), holding(k, c, mass)
-    forgotten = 1.0 if step.leapt > 0.0 else min(1.0, h * max(decay, held / RADIANS, 1.0 / FORGETTING))
+    forgotten = (
+        1.0 if step.leapt > 0.0 else min(1.0, h * max(decay, held / RADIANS, 1.0 / FORGETTING))
+    )
     swing = velocity_error / held
     whole = math.sqrt(height_error * height_error + swing * swing) / forgotten + h * step.leapt
     left = step.end.depth - float(knee.law[layer, BEGIN])
-    ends = left < RELEASE * (begin.depth - step.end.depth) and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
+    ends = (
+        left < RELEASE * (begin.depth - step.end.depth)
+        and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
+    )
     if ends or force < RELEASE * (begin_force - force) or force > REBOUND * load:
         # The error of the velocity is carried into a flight, or into a layer that damps it less.
         flown = velocity_error / (1.0 / HORIZON)
@@ -540,7 +691,9 @@ def error_ratio(
         rate = step.end.rate / begin.cosine
         allowed = min(allowed, FOLLOWED * math.sqrt(swing * swing + rate * rate * mass / k))
     if landed and (lasts or len(knee.law) > 3) and not knee.allow_tension:
-        allowed /= THROWN  # it goes into the next flight; another layer may damp less than this one
+        allowed /= (
+            THROWN  # it goes into the next flight; another layer may damp less than this one
+        )
     ratio = whole / (LOCAL_SHARE * allowed)
     if step.implicit:
         crept, swung = unresolved(tick, begin, step, load, mass, h)
@@ -550,7 +703,9 @@ def error_ratio(
 
 
 @in_kernel
-def unresolved(tick: Interval, begin: Stage, step: Step, load: float, mass: float, h: float) -> tuple[float, float]:
+def unresolved(
+    tick: Interval, begin: Stage, step: Step, load: float, mass: float, h: float
+) -> tuple[float, float]:
     """Return the way [m] and the speed [m/s] of motion in an implicit step that its halves do not see either.
 
     The way is that of a transient that is over in a small part of the step, when the femur creeps: a kick or a landing
@@ -564,13 +719,21 @@ def unresolved(tick: Interval, begin: Stage, step: Step, load: float, mass: floa
         crept = KICKED * abs(cosine * begin.force - load) * mass / (c * c)
     half_rate, square = 0.5 * c / mass, k / mass
     if square * h * h >= FAST_SWING * FAST_SWING and half_rate * half_rate < square:
-        begin_k, end_k = begin.stiffness / (cosine * cosine), end.stiffness / (end.cosine * end.cosine)
+        begin_k, end_k = (
+            begin.stiffness / (cosine * cosine),
+            end.stiffness / (end.cosine * end.cosine),
+        )
         if min(begin_k, end_k) < 0.25 * k:  # as at first touch: all of the work may swing
-            swung = math.sqrt(2.0 * abs((end.force - begin.force) * (end.depth - begin.depth)) / mass)
+            swung = math.sqrt(
+                2.0 * abs((end.force - begin.force) * (end.depth - begin.depth)) / mass
+            )
         else:
             # The end lies on the quasi-static contact: what the beginning lies beside it is lost, too.
             pull, pull_rate = load / cosine, tick.load_rate / cosine
-            excess, rate = (begin.force - pull) / math.sqrt(begin_k * mass), begin.rate - pull_rate / begin_k
+            excess, rate = (
+                (begin.force - pull) / math.sqrt(begin_k * mass),
+                begin.rate - pull_rate / begin_k,
+            )
             before, fade = math.sqrt(rate * rate + excess * excess), math.exp(-half_rate * h)
             end_excess = (end.force - pull - pull_rate * h) / math.sqrt(end_k * mass)
             end_rate = end.rate - pull_rate / end_k
@@ -582,9 +745,21 @@ def unresolved(tick: Interval, begin: Stage, step: Step, load: float, mass: floa
 
 @in_kernel
 def end_on_boundary(
-    knee: Knee, tick: Interval, layer: int, pressing: bool, impact: float, s: float, y: float, v: float,
-    low: float, high: float, one: Stage, before: Stage, boundary: int, room: int,
-) -> tuple[Step, float, int, int]:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    pressing: bool,
+    impact: float,
+    s: float,
+    y: float,
+    v: float,
+    low: float,
+    high: float,
+    one: Stage,
+    before: Stage,
+    boundary: int,
+    room: int,
+) -> tuple[Step, float, int, int]:
     """Find the step between durations `low` and `high` [s] that ends on a boundary which it crosses (Illinois).
 
     `before` is the contact after `low`. Returns the step, its duration, the boundary and the evaluations; or a shorter
@@ -595,9 +770,11 @@ def end_on_boundary(
     if pressing:
         _, radius = eigenvalues(one.stiffness, one.damping, knee.mass)
     inside, last, beyond, used = inside_by(knee, layer, pressing, boundary, before), 0.0, 0.0, 0
-    h, shrinking, step = high, 0, attempt(
-        knee, tick, layer, pressing, impact, boundary, s, y, v, high, one, radius, room
-    )  # fmt: skip
+    h, shrinking, step = (
+        high,
+        0,
+        attempt(knee, tick, layer, pressing, impact, boundary, s, y, v, high, one, radius, room),
+    )
     for tried in range(MAX_LOCATE):
         used += step.evaluations
         if used + STEP_COST >= room:
@@ -638,15 +815,25 @@ def end_on_boundary(
             if not low < following < high:
                 break
         h = following
-        step = attempt(knee, tick, layer, pressing, impact, boundary, s, y, v, h, one, radius, room - used)
+        step = attempt(
+            knee, tick, layer, pressing, impact, boundary, s, y, v, h, one, radius, room - used
+        )
     return step, h, boundary, used
 
 
 @in_kernel
 def fly(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float, begin: Stage,
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    s: float,
+    y: float,
+    v: float,
+    h: float,
+    begin: Stage,
     most: int,
-) -> tuple[float, float, Stage, int, int]:  # fmt: skip
+) -> tuple[float, float, Stage, int, int]:
     """Look along a flight of `h` [s] from s [s] on for the first boundary that it meets, at most `most` times.
 
     Apart, no touch is missed: the signed depth is that of the deepest femoral point, and between two looks, dt apart,
@@ -662,7 +849,10 @@ def fly(
     first, last = tick.load + tick.load_rate * s, tick.load + tick.load_rate * (s + h)
     speed = abs(v) + max(abs(first), abs(last)) * h / knee.mass
     speed += turn * (surfaces.largest_radius + surfaces.largest_slope)
-    bend = turn * turn * (surfaces.largest_radius + surfaces.largest_bend) + max(-first, -last, 0.0) / knee.mass
+    bend = (
+        turn * turn * (surfaces.largest_radius + surfaces.largest_bend)
+        + max(-first, -last, 0.0) / knee.mass
+    )
     bend += 2.0 * surfaces.concave * speed * speed
     longest, shortest, graze = h, 0.0, max(GRAZE * knee.tolerance, DEPTH_ROUNDING)
     if layer > APART:
@@ -683,10 +873,16 @@ def fly(
             rising = low.stiffness * low.rate + low.damping * (pull - bent)
             change = rising * (look.stiffness * look.rate + look.damping * (pull + bent))
             safe = finest or min(low.rate * look.rate, change) >= 0.0
-            if boundary == ABOVE and 2.0 * low.force * low.rate < rising * (low.depth - float(knee.law[layer, BEGIN])):
+            if boundary == ABOVE and 2.0 * low.force * low.rate < rising * (
+                low.depth - float(knee.law[layer, BEGIN])
+            ):
                 safe = finest  # it presses before the layer ends, where its force is 0 again
-            if surfaces.non_convex > 0.0:  # right after a leap the next bump presses, maybe only for a moment
-                leapt = abs(look.surface_rate - low.surface_rate) > LARGEST_RADIUS * turn * turn * dt
+            if (
+                surfaces.non_convex > 0.0
+            ):  # right after a leap the next bump presses, maybe only for a moment
+                leapt = (
+                    abs(look.surface_rate - low.surface_rate) > LARGEST_RADIUS * turn * turn * dt
+                )
                 safe = finest or (safe and not leapt)
             if boundary != NOWHERE:  # the flight may begin on the boundary, and leave it first
                 safe = finest or (safe and inside_by(knee, layer, False, boundary, low) > 0.0)
@@ -698,7 +894,9 @@ def fly(
                 least = gap - lowest * lowest / (4.0 * bulge)
             safe = finest or small or least >= -graze
             if boundary != NOWHERE:  # the flight may begin on the surface, and leave it first
-                safe = finest or ((small or low.rate >= bend * dt) and (gap > 0.0 or low.rate >= 0.0))
+                safe = finest or (
+                    (small or low.rate >= bend * dt) and (gap > 0.0 or low.rate >= 0.0)
+                )
         if safe and boundary != NOWHERE:
             return t, there, low, boundary, looks
         if safe:
@@ -722,10 +920,14 @@ def lateness(tick: Interval, error: Error, s: float, rate: float, mass: float) -
 
 
 @in_kernel
-def impact_doubt(knee: Knee, layer: int, stage: Stage, impact: float, impact_error: float) -> float:
+def impact_doubt(
+    knee: Knee, layer: int, stage: Stage, impact: float, impact_error: float
+) -> float:
     """Return the change of a force [N] if its contact began faster or slower by an error [m/s]."""
     faster, _, _ = force_at(knee.law, layer, stage.depth, stage.rate, impact + impact_error)
-    slower, _, _ = force_at(knee.law, layer, stage.depth, stage.rate, max(0.0, impact - impact_error))
+    slower, _, _ = force_at(
+        knee.law, layer, stage.depth, stage.rate, max(0.0, impact - impact_error)
+    )
     return max(abs(faster - stage.force), abs(slower - stage.force))
 
 
@@ -750,9 +952,19 @@ def stretch_from(knee: Knee, tick: Interval, begin: float) -> tuple[float, float
 
 @inlined
 def pressed_step(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, begin: Stage, until: float,
-    try_step: float, landed: bool, room: int,
-) -> tuple[Step, float, int, float, int, bool, float]:  # fmt: skip
+    knee: Knee,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    s: float,
+    y: float,
+    v: float,
+    begin: Stage,
+    until: float,
+    try_step: float,
+    landed: bool,
+    room: int,
+) -> tuple[Step, float, int, float, int, bool, float]:
     """Find a step towards `until` [s] whose error fits, and end it on the boundary that it crosses, if any.
 
     Of many explicit tries across a knot of a spline the first one fits whose estimate is small by chance: after a
@@ -767,14 +979,18 @@ def pressed_step(
         if radius * h <= EXPLICIT:
             step = explicit_step(knee, tick, layer, impact, NOWHERE, s, y, v, h, begin)
         else:
-            step = doubled_step(knee, tick, layer, impact, NOWHERE, s, y, v, h, begin, room - used - STEP_COST)
+            step = doubled_step(
+                knee, tick, layer, impact, NOWHERE, s, y, v, h, begin, room - used - STEP_COST
+            )
         used += step.evaluations
         ratio = rough * error_ratio(knee, tick, layer, s, begin, step, h, landed)
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
         if ratio <= 1.0:
             break
         h *= max(0.1, factor)
-        if not step.implicit and (knee.surfaces.non_convex > 0.0 or knee.surfaces.knot_spacing < math.inf):
+        if not step.implicit and (
+            knee.surfaces.non_convex > 0.0 or knee.surfaces.knot_spacing < math.inf
+        ):
             rough = SINGULAR
         if used + STEP_COST >= room or not until + h > until:
             return step, h, NOWHERE, try_step, used, True, rough
@@ -785,9 +1001,21 @@ def pressed_step(
         given_up = used + STEP_COST >= room
         if not given_up:
             step, h, boundary, extra = end_on_boundary(
-                knee, tick, layer, True, impact, s, y, v, 0.0, step.fraction * h, begin, begin, step.boundary,
+                knee,
+                tick,
+                layer,
+                True,
+                impact,
+                s,
+                y,
+                v,
+                0.0,
+                step.fraction * h,
+                begin,
+                begin,
+                step.boundary,
                 room - used,
-            )  # fmt: skip
+            )
             used += extra
             given_up = used + STEP_COST >= room
     return step, h, boundary, try_step, used, given_up, rough
@@ -799,7 +1027,10 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
     mass, duration = knee.mass, tick.duration
     y, v, error, try_step = start.height, start.velocity, start.error, start.try_step
     impact, impact_error = start.impact_speed, start.impact_error
-    latest, landing_rate = 0.0, 0.0  # the last touch: when the exact femur has touched too, and its rate [m/s]
+    latest, landing_rate = (
+        0.0,
+        0.0,
+    )  # the last touch: when the exact femur has touched too, and its rate [m/s]
     s, until, following, used, looked, events, given_up = 0.0, 0.0, 0.0, 0, 0, 0, False
     layer, pressing, rough = APART, False, 1.0
     stage = stage_at(knee, tick, APART, 0.0, 0.0, y, v)
@@ -822,7 +1053,15 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             layer, pressing = layer_at(knee.law, ahead), False
             if layer > APART:
                 stage = stage_in(
-                    knee, tick, layer, impact, s, stage.depth, stage.rate, stage.surface_rate, stage.cosine
+                    knee,
+                    tick,
+                    layer,
+                    impact,
+                    s,
+                    stage.depth,
+                    stage.rate,
+                    stage.surface_rate,
+                    stage.cosine,
                 )
                 used += 1
                 pressing = knee.allow_tension or stage.force >= -tick.rounding
@@ -832,14 +1071,29 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             break
         if pressing:
             step, h, boundary, try_step, extra, given_up, rough = pressed_step(
-                knee, tick, layer, touched, s, y, v, begin, until, try_step, impact > 0.0, most - used
+                knee,
+                tick,
+                layer,
+                touched,
+                s,
+                y,
+                v,
+                begin,
+                until,
+                try_step,
+                impact > 0.0,
+                most - used,
             )
             used += extra
             if given_up:
                 break
         else:
-            limit = MAX_LOOKS - looked if layer == APART else min(MAX_LOOKS, most - used - STEP_COST)
-            low, high, before, boundary, looks = fly(knee, tick, layer, touched, s, y, v, h, begin, limit)
+            limit = (
+                MAX_LOOKS - looked if layer == APART else min(MAX_LOOKS, most - used - STEP_COST)
+            )
+            low, high, before, boundary, looks = fly(
+                knee, tick, layer, touched, s, y, v, h, begin, limit
+            )
             if layer > APART:
                 used += looks
             else:
@@ -850,7 +1104,20 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 step = flown(knee, tick, layer, touched, s, y, v, h)
             else:
                 step, h, boundary, extra = end_on_boundary(
-                    knee, tick, layer, False, touched, s, y, v, low, high, begin, before, boundary, most - used
+                    knee,
+                    tick,
+                    layer,
+                    False,
+                    touched,
+                    s,
+                    y,
+                    v,
+                    low,
+                    high,
+                    begin,
+                    before,
+                    boundary,
+                    most - used,
                 )
                 used += extra if layer > APART else 0
         if h > 0.0:
@@ -859,16 +1126,24 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 k, c = step.stiffness, step.damping
                 held, unknown = holding(k, c, mass), UNKNOWN_IMPLICIT if step.implicit else UNKNOWN
                 error = over_step(error, begin.stiffness, k, stage.stiffness, c, mass, h)
-                error = with_step(error, rough * step.height_error, rough * step.velocity_error, unknown, held)
+                error = with_step(
+                    error, rough * step.height_error, rough * step.velocity_error, unknown, held
+                )
                 in_layer = max(begin.depth, stage.depth) - float(knee.law[layer, BEGIN])
                 error = curved(error, in_layer, k, c, mass, h)
                 if step.implicit:
-                    crept, swung = unresolved(tick, begin, step, tick.load + tick.load_rate * s, mass, h)
-                    if crept + swung > 0.0:  # at an unknown phase, a swing is a height as well as a velocity
+                    crept, swung = unresolved(
+                        tick, begin, step, tick.load + tick.load_rate * s, mass, h
+                    )
+                    if (
+                        crept + swung > 0.0
+                    ):  # at an unknown phase, a swing is a height as well as a velocity
                         swung *= LOST_SWING * math.sqrt(0.5)
                         error = with_bound(error, crept + swung / held, swung)
             else:
-                error = with_uncorrelated_bound(mapped(error, 1.0, h, 0.0, 1.0), step.height_error, 0.0)
+                error = with_uncorrelated_bound(
+                    mapped(error, 1.0, h, 0.0, 1.0), step.height_error, 0.0
+                )
             if step.implicit:
                 stage = stage_at(knee, tick, layer, touched, s + h, y, v)
                 used += 1
@@ -876,7 +1151,9 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 if begin.rate < 0.0 < stage.rate:
                     # The exact surfaces may have parted and met again: the tangents at both ends meet lower than that.
                     back = (begin.depth - stage.depth + h * stage.rate) / (stage.rate - begin.rate)
-                    if min(begin.depth + max(back, 0.0) * begin.rate, stage.depth) <= reach(error, math.inf):
+                    if min(begin.depth + max(back, 0.0) * begin.rate, stage.depth) <= reach(
+                        error, math.inf
+                    ):
                         again = abs(impact) + max(-begin.rate, stage.rate) + velocity_reach(error)
                         impact_error = max(impact_error, again)
                 if impact_error > 0.0:
@@ -890,18 +1167,34 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         if boundary == NOWHERE:
             continue
         # Go on beyond the boundary, in the next mode.
-        exerted, off = stage.force if pressing else 0.0, inside_by(knee, layer, pressing, boundary, stage)
+        exerted, off = (
+            stage.force if pressing else 0.0,
+            inside_by(knee, layer, pressing, boundary, stage),
+        )
         if layer == APART:
             late = lateness(tick, error, s, stage.rate, mass)
             # A femur that comes later has been sped up or slowed down by the load meanwhile.
-            impact, impact_error = stage.rate, velocity_reach(error) + abs(tick.load + tick.load_rate * s) / mass * late
+            impact, impact_error = (
+                stage.rate,
+                velocity_reach(error) + abs(tick.load + tick.load_rate * s) / mass * late,
+            )
             latest, landing_rate, touched = s + late, stage.rate, stage.rate
         if boundary == FORCE:
             pressing, off = not pressing, 0.0
         else:
             layer += 1 if boundary == BELOW else -1
             pressing = False
-        stage = stage_in(knee, tick, layer, touched, s, stage.depth, stage.rate, stage.surface_rate, stage.cosine)
+        stage = stage_in(
+            knee,
+            tick,
+            layer,
+            touched,
+            s,
+            stage.depth,
+            stage.rate,
+            stage.surface_rate,
+            stage.cosine,
+        )
         if layer == APART:
             impact = math.nan
         elif boundary != FORCE:
@@ -911,7 +1204,9 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         error = saltation(error, stage.rate, jump, off, mass, duration)
         if layer == APART:
             doubt = RELEASED * velocity_reach(error) / SPREAD
-            error = Error(error.height, error.velocity, error.hh, error.hv, error.vv + doubt * doubt)
+            error = Error(
+                error.height, error.velocity, error.hh, error.hv, error.vv + doubt * doubt
+            )
         error = bounded(error)
         events += 1
         given_up = events >= MAX_EVENTS
@@ -920,7 +1215,9 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
     if latest > duration:
         # The exact femur may not have touched yet, and still has the velocity of its flight.
         way = (latest - duration) * landing_rate
-        error = bounded(with_bound(error, way + max(stage.depth, 0.0), abs(landing_rate - stage.rate)))
+        error = bounded(
+            with_bound(error, way + max(stage.depth, 0.0), abs(landing_rate - stage.rate))
+        )
     force, force_estimate, estimate = 0.0, 0.0, AIRBORNE * reach(error, math.inf)
     if pressing:
         doubt = 0.0
@@ -936,8 +1233,15 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             beside = layer + 1
         elif layer - 1 > APART and stage.depth - float(knee.law[layer, BEGIN]) <= estimate:
             beside = layer - 1
-        left_out = (float(knee.law[beside, DAMPING]) - float(knee.law[layer, DAMPING])) * stage.rate
-        force_estimate = force_reach(error, stage.stiffness, stage.damping, abs(left_out), held) / stage.cosine + doubt
+        left_out = (
+            float(knee.law[beside, DAMPING]) - float(knee.law[layer, DAMPING])
+        ) * stage.rate
+        force_estimate = (
+            force_reach(error, stage.stiffness, stage.damping, abs(left_out), held) / stage.cosine
+            + doubt
+        )
         force = stage.force if knee.allow_tension else max(stage.force, 0.0)
     femur = Femur(y, v, error, try_step, impact, impact_error)
-    return Result(femur, stage, force, estimate, force_estimate, used, s >= duration and abs(y) < math.inf)
+    return Result(
+        femur, stage, force, estimate, force_estimate, used, s >= duration and abs(y) < math.inf
+    )

@@ -32,13 +32,18 @@ def height_at(surfaces: Surfaces, angle: float, depth: float, near: float) -> fl
         reached, _, cosine = touch(surfaces, angle, 0.0, height)
         correction = (reached - depth) / cosine
         height += correction
-        if abs(correction) <= ROUNDING * max(1.0, abs(height)) or height + 0.5 * correction == height:
+        if (
+            abs(correction) <= ROUNDING * max(1.0, abs(height))
+            or height + 0.5 * correction == height
+        ):
             break
     return height
 
 
 @in_kernel
-def static_depth(law: Floats, force: float, near: float, resolution: float, most: int) -> tuple[float, int]:
+def static_depth(
+    law: Floats, force: float, near: float, resolution: float, most: int
+) -> tuple[float, int]:
     """Solve F(depth, 0) = force [N] for the depth [m]; 0 for a force <= 0 (just touching). Also return evaluations.
 
     Newton's method starts at `near` [m], uses logarithms if that is far, and stays in a bracket that is halved when an
@@ -70,7 +75,11 @@ def static_depth(law: Floats, force: float, near: float, resolution: float, most
         else:
             low = depth
         newton = depth - (value - force) / slope if slope > 0.0 else low
-        if slope > 0.0 and value > base and not 0.5 * (force - base) < value - base < 2.0 * (force - base):
+        if (
+            slope > 0.0
+            and value > base
+            and not 0.5 * (force - base) < value - base < 2.0 * (force - base)
+        ):
             # Far away the force is nearly a power of the depth in the layer, which this solves at once.
             exponent = (value - base) / (slope * (depth - begin))
             newton = begin + (depth - begin) * ((force - base) / (value - base)) ** exponent
@@ -86,9 +95,15 @@ def static_depth(law: Floats, force: float, near: float, resolution: float, most
 
 @in_kernel
 def static_contact(
-    surfaces: Surfaces, law: Floats, angle: float, load: float, near_height: float, near_depth: float,
-    resolution: float, most: int,
-) -> tuple[float, float, float, float, float, float, int]:  # fmt: skip
+    surfaces: Surfaces,
+    law: Floats,
+    angle: float,
+    load: float,
+    near_height: float,
+    near_depth: float,
+    resolution: float,
+    most: int,
+) -> tuple[float, float, float, float, float, float, int]:
     """Solve n_y F(depth, 0) = load [N] for the femoral height [m]; a load <= 0 leaves the surfaces just touching.
 
     `near_height` and `near_depth` [m] are guesses; without one, `START_HEIGHT` and 0. The depth is solved until

@@ -34,14 +34,18 @@ ON_PLANE, IN_CUP, ON_CURVE = 0, 1, 2
 """Kinds of contact pairs"""
 COSINE, SINE = 0.5, math.sqrt(0.75)
 """Cosine and sine of a cup's half angle, 60 degrees: far beyond any plateau, and the surface stays open upwards"""
-LEVELS: Floats = 1e-3 * np.array([-35, -22, -13, -7, -3.5, -1.5, -0.5, 0, 0.5, 1, 1.7, 2.5, 3.5, 10])
+LEVELS: Floats = 1e-3 * np.array(
+    [-35, -22, -13, -7, -3.5, -1.5, -0.5, 0, 0.5, 1, 1.7, 2.5, 3.5, 10]
+)
 """Depths [m] for which starts are tabulated"""
 WIDTH, WIDER = 0.0125, 8.0
 """Width [rad] of that table's columns of angles, and the factor for the wider columns on both sides"""
 OUTSIDE, INSIDE, FIRST_ANGLE = 100, 272, -0.6
 """Numbers of wide columns on each side and of others between, which begin at `FIRST_ANGLE` [rad]"""
 BEYOND: Floats = WIDER * np.arange(OUTSIDE + 1, dtype=np.float64)
-EDGES: Floats = FIRST_ANGLE + WIDTH * np.concatenate([-BEYOND[:0:-1], np.arange(INSIDE), BEYOND + INSIDE])
+EDGES: Floats = FIRST_ANGLE + WIDTH * np.concatenate(
+    [-BEYOND[:0:-1], np.arange(INSIDE), BEYOND + INSIDE]
+)
 """Edges of the columns [rad]"""
 SLACK, SLACK_OF_ALL = 0.1, 2e-5
 """A place may be the deepest inside a cell if it is less deep by this at a corner [m]: per distance, and always"""
@@ -131,7 +135,9 @@ class Surfaces(NamedTuple):
 
 
 @inlined
-def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) -> tuple[float, float, float]:
+def touch(
+    surfaces: Surfaces, angle: float, angle_rate: float, height: float
+) -> tuple[float, float, float]:
     """Return signed depth [m], its rate at a held height [m/s], and n_y, at an angle [rad], its rate and a height [m].
 
     The rate of the depth is the second number minus n_y times the height's velocity. The force along the height is n_y
@@ -143,7 +149,9 @@ def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) ->
 
 
 @inlined
-def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[float, float, float, float, float]:
+def closest(
+    surfaces: Surfaces, angle: float, x: float, height: float
+) -> tuple[float, float, float, float, float]:
     """Return the fields of `Closest` for the reference point at (x, height) [m].
 
     On a plane the depth is h - n·(x, height), where h is the femur's support at the angle minus the slope.
@@ -153,7 +161,9 @@ def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[
     sine, cosine, h, turning = surfaces.sine, surfaces.cosine, surfaces.femoral_radius, 0.0
     if h == 0.0:
         turned = angle - surfaces.slope
-        h, turning = support_at(surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned)
+        h, turning = support_at(
+            surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned
+        )
     return h + x * sine - cosine * height, h, turning, -sine, cosine
 
 
@@ -166,7 +176,9 @@ def common_normal(
     From each start Newton's method finds a common normal. If it does not reach a smallest distance, or if its foot may
     not be the nearest one to a point below the surface, a search by halving takes over.
     """
-    if surfaces.kind == IN_CUP:  # the circle's deepest point is in the direction of its centre's nearest tibial point
+    if (
+        surfaces.kind == IN_CUP
+    ):  # the circle's deepest point is in the direction of its centre's nearest tibial point
         radius, below = surfaces.tibial_radius, surfaces.tibial_radius - height
         if COSINE * abs(x) >= SINE * below:
             distance = COSINE * height - SINE * abs(x) + (1.0 - COSINE) * radius
@@ -176,8 +188,15 @@ def common_normal(
             distance = (height * (radius + below) - x * x) / (radius + from_centre)
             normal_x, normal_y = -x / from_centre, below / from_centre
         return surfaces.femoral_radius - distance, surfaces.femoral_radius, 0.0, normal_x, normal_y
-    turned = 0.0 if surfaces.femoral_radius > 0.0 else angle  # a circle looks the same from everywhere
-    sine, cosine, cubics, tibia = math.sin(turned), math.cos(turned), surfaces.cubics, surfaces.tibia
+    turned = (
+        0.0 if surfaces.femoral_radius > 0.0 else angle
+    )  # a circle looks the same from everywhere
+    sine, cosine, cubics, tibia = (
+        math.sin(turned),
+        math.cos(turned),
+        surfaces.cubics,
+        surfaces.tibia,
+    )
     heights = surfaces.cells
     part, row, rows = (angle - FIRST_ANGLE) / WIDTH, 0, heights.shape[1] - 1
     part += (max(part - INSIDE, 0.0) + min(part, 0.0)) * (1.0 / WIDER - 1.0)
@@ -185,7 +204,9 @@ def common_normal(
     while row < rows - 1 and height < heights[column, row + 1]:
         row += 1
     inner = SHRUNK * surfaces.femoral_radius
-    shortest, last_step = (SHORT, LAST_BUMPY) if surfaces.non_convex > 0.0 else (LONGEST, LAST_STEP)
+    shortest, last_step = (
+        (SHORT, LAST_BUMPY) if surfaces.non_convex > 0.0 else (LONGEST, LAST_STEP)
+    )
     best, extent, turning, normal_x, normal_y = -math.inf, 0.0, 0.0, 0.0, 1.0
     cell = column * rows + row
     for k in range(int(surfaces.begins[cell]), int(surfaces.begins[cell + 1])):
@@ -212,14 +233,20 @@ def common_normal(
             along = bend * px1 / room
             fall, curved = py1 - slope * px1 - along * aside, py2 - slope * px2 - along * aside_u
             longest = shortest + abs(dy) * PER_DISTANCE
-            step = -fall / curved if abs(fall) < longest * curved else -math.copysign(longest, fall)
+            step = (
+                -fall / curved if abs(fall) < longest * curved else -math.copysign(longest, fall)
+            )
             i, u, beyond = carried_on(cubics, i, u + step)
             step -= beyond
             step_place = max(min((aside + aside_u * step) / room, longest), -longest)
             place += step_place
             j = piece_at(tibia, j, place)
             steps += 1
-            found = abs(step) + abs(step_place) < last_step and least and (curved > 0.0 or beyond != 0.0)
+            found = (
+                abs(step) + abs(step_place) < last_step
+                and least
+                and (curved > 0.0 or beyond != 0.0)
+            )
         if depth > best:
             best, normal_x, normal_y = depth, -slope / norm, 1.0 / norm
             extent, turning = -(px * normal_x + py * normal_y), normal_x * py - normal_y * px
@@ -233,13 +260,20 @@ def femoral_point(
     """Return x, y [m] of a point of the turned femur about its reference point, and their derivatives by u."""
     a1, a2, a3 = float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
     b1, b2, b3 = float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
-    x, y = float(cubics[i, 2]) + u * (a1 + u * (a2 + u * a3)), float(cubics[i, 6]) + u * (b1 + u * (b2 + u * b3))
+    x, y = (
+        float(cubics[i, 2]) + u * (a1 + u * (a2 + u * a3)),
+        float(cubics[i, 6]) + u * (b1 + u * (b2 + u * b3)),
+    )
     x1, y1 = a1 + u * (2.0 * a2 + u * 3.0 * a3), b1 + u * (2.0 * b2 + u * 3.0 * b3)
     x2, y2 = 2.0 * a2 + 6.0 * u * a3, 2.0 * b2 + 6.0 * u * b3
     return (
-        cosine * x - sine * y, sine * x + cosine * y, cosine * x1 - sine * y1, sine * x1 + cosine * y1,
-        cosine * x2 - sine * y2, sine * x2 + cosine * y2,
-    )  # fmt: skip
+        cosine * x - sine * y,
+        sine * x + cosine * y,
+        cosine * x1 - sine * y1,
+        sine * x1 + cosine * y1,
+        cosine * x2 - sine * y2,
+        sine * x2 + cosine * y2,
+    )
 
 
 @in_kernel
@@ -258,7 +292,12 @@ def carried_on(cubics: Floats, i: int, u: float) -> tuple[int, float, float]:
 @in_kernel
 def tibial_point(tibia: Floats, j: int, x: float) -> tuple[float, float, float]:
     """Return height [m], slope and second derivative [1/m] of piece j of a curved tibia at x [m]."""
-    u, c1, c2, c3 = x - float(tibia[j, 0]), float(tibia[j, 2]), float(tibia[j, 3]), float(tibia[j, 4])
+    u, c1, c2, c3 = (
+        x - float(tibia[j, 0]),
+        float(tibia[j, 2]),
+        float(tibia[j, 3]),
+        float(tibia[j, 4]),
+    )
     rise = float(tibia[j, 1]) + u * (c1 + u * (c2 + u * c3))
     return rise, c1 + u * (2.0 * c2 + u * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * u
 
@@ -275,7 +314,14 @@ def piece_at(tibia: Floats, j: int, x: float) -> int:
 
 @in_kernel
 def searched(
-    cubics: Floats, tibia: Floats, sine: float, cosine: float, x: float, height: float, i: int, u: float
+    cubics: Floats,
+    tibia: Floats,
+    sine: float,
+    cosine: float,
+    x: float,
+    height: float,
+    i: int,
+    u: float,
 ) -> tuple[int, float, int, float]:
     """Find a place of the femur that is deeper than its neighbours, with the nearest of all tibial points.
 
@@ -398,13 +444,18 @@ class Cup:
         """The arc as a spline that is 1e-12 m close; see `Surfaces.tibia`."""
         x = self.radius * np.sin(np.linspace(-math.pi / 3.0, math.pi / 3.0, ARC_POINTS))
         steepest = SINE / COSINE
-        return _tibial_pieces(x, self.radius - np.sqrt(self.radius**2 - x * x), ((1, -steepest), (1, steepest)))
+        return _tibial_pieces(
+            x, self.radius - np.sqrt(self.radius**2 - x * x), ((1, -steepest), (1, steepest))
+        )
 
     def outline(self, reach: float) -> Floats:
         """Return points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
         x = np.linspace(-reach, reach, OUTLINE_POINTS)
         on_arc = np.minimum(np.abs(x), SINE * self.radius)
-        y = on_arc**2 / (self.radius + np.sqrt(self.radius**2 - on_arc**2)) + (np.abs(x) - on_arc) * SINE / COSINE
+        y = (
+            on_arc**2 / (self.radius + np.sqrt(self.radius**2 - on_arc**2))
+            + (np.abs(x) - on_arc) * SINE / COSINE
+        )
         return np.stack([x, y], axis=1)
 
 
@@ -445,7 +496,9 @@ class Plateau:
         dx, dy = u - u[:, None], rise - rise[:, None]
         inward = (slope[:, None] * dx - dy) / np.sqrt(1.0 + slope**2)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            radius = np.where(inward > 1e-12, (dx * dx + dy * dy) / (2.0 * inward), math.inf).min(axis=1)
+            radius = np.where(inward > 1e-12, (dx * dx + dy * dy) / (2.0 * inward), math.inf).min(
+                axis=1
+            )
         np.minimum.at(pieces[:, 5], np.searchsorted(x, u, side="right"), SAFE * radius)
         object.__setattr__(self, "pieces", pieces)
 
@@ -455,7 +508,10 @@ class Plateau:
     @property
     def curvature(self) -> float:
         """Upper bound of the curvature [1/m]."""
-        (_, _, c1, c2, c3), width = self.pieces[1:, :5].T, np.diff(self.pieces[1:, 0], append=self.pieces[-1, 0])
+        (_, _, c1, c2, c3), width = (
+            self.pieces[1:, :5].T,
+            np.diff(self.pieces[1:, 0], append=self.pieces[-1, 0]),
+        )
         bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * width])
         flattest = np.maximum(np.abs(c1) - np.abs(bends).max(axis=0) * width, 0.0)
         return max(0.0, float((bends / (1.0 + flattest**2) ** 1.5).max()))
@@ -471,7 +527,9 @@ class Plateau:
 
 def _tibial_pieces(x: Floats, y: Floats, ends: Any) -> Floats:
     """Return `Surfaces.tibia` of a spline through points x, y [m] with SciPy's condition at its ends."""
-    from scipy.interpolate import CubicSpline  # 0.9 s to import, which a circle on a plane need not pay
+    from scipy.interpolate import (
+        CubicSpline,
+    )  # 0.9 s to import, which a circle on a plane need not pay
 
     spline = CubicSpline(x, y, bc_type=ends)
     before, behind = np.column_stack([x, y, spline(x, 1), 0.0 * x, 0.0 * x])[[0, -1]]
@@ -483,7 +541,9 @@ def _rise(pieces: Floats, x: Floats, derivative: int = 0) -> Floats:
     """Return the height [m], or slope, of a curved tibia at places x [m]."""
     start, c0, c1, c2, c3 = pieces[np.searchsorted(pieces[1:, 0], x, side="right"), :5].T
     u = x - start
-    return np.asarray(c1 + u * (2.0 * c2 + u * 3.0 * c3) if derivative else c0 + u * (c1 + u * (c2 + u * c3)))
+    return np.asarray(
+        c1 + u * (2.0 * c2 + u * 3.0 * c3) if derivative else c0 + u * (c1 + u * (c2 + u * c3))
+    )
 
 
 Femur = Circle | Profile
@@ -507,7 +567,9 @@ class ContactPair:
 
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal at a flexion angle [rad] and a height of the femoral reference point [m]."""
-        return Closest(*closest(self.surfaces, angle, self.mechanism.translation(angle)[0], height))
+        return Closest(
+            *closest(self.surfaces, angle, self.mechanism.translation(angle)[0], height)
+        )
 
     @cached_property
     def femoral_radius(self) -> float:
@@ -536,19 +598,34 @@ class ContactPair:
             leaps = isinstance(femur, Profile) and len(femur.on_plane.kinks) > 1
             non_convex = leaps or tibia.curvature > 1.0 / femur.support(0.0)[0]
         return Surfaces(
-            kind=kind, slope=slope, sine=math.sin(slope), cosine=math.cos(slope),
+            kind=kind,
+            slope=slope,
+            sine=math.sin(slope),
+            cosine=math.cos(slope),
             femoral_radius=float(femur.radius) if isinstance(femur, Circle) else 0.0,
             tibial_radius=float(tibia.radius) if isinstance(tibia, Cup) else 0.0,
-            cells=table.cells, begins=table.begins, starts=table.starts, cubics=table.cubics,
-            kinks=np.sort((table.kinks + slope) % math.tau), pieces=mechanism.pieces,
-            tibia=np.ascontiguousarray(pieces), non_convex=float(non_convex), knot_spacing=femur.knot_spacing,
-            largest_radius=femur.largest_radius, largest_slope=mechanism.largest_slope,
-            largest_bend=mechanism.largest_bend, concave=tibia.curvature,
-        )  # fmt: skip
+            cells=table.cells,
+            begins=table.begins,
+            starts=table.starts,
+            cubics=table.cubics,
+            kinks=np.sort((table.kinks + slope) % math.tau),
+            pieces=mechanism.pieces,
+            tibia=np.ascontiguousarray(pieces),
+            non_convex=float(non_convex),
+            knot_spacing=femur.knot_spacing,
+            largest_radius=femur.largest_radius,
+            largest_slope=mechanism.largest_slope,
+            largest_bend=mechanism.largest_bend,
+            concave=tibia.curvature,
+        )
 
     def table(self) -> dict[str, Floats]:
         """Return the tables as arrays to plot; on a curved tibia also the edges of the columns [rad]."""
-        arrays = {name: one for name, one in self.surfaces._asdict().items() if isinstance(one, np.ndarray)}
+        arrays = {
+            name: one
+            for name, one in self.surfaces._asdict().items()
+            if isinstance(one, np.ndarray)
+        }
         return arrays | ({"edges": EDGES} if self.surfaces.kind == ON_CURVE else {})
 
 
@@ -569,15 +646,24 @@ def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Tab
     px, py = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
     angles = EDGES
     sine, cosine = (np.sin(angles)[:, None], np.cos(angles)[:, None]) if turns else (0.0, 1.0)
-    x = np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])[:, None] + cosine * px - sine * py
+    x = (
+        np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])[:, None]
+        + cosine * px
+        - sine * py
+    )
     y = sine * px + cosine * py + np.zeros_like(x)
     place = np.arange(x.min(), x.max() + STEP, STEP)
     found, heights = [], np.empty((len(angles), len(LEVELS)))
     for level, depth in enumerate((LEVELS - inner).tolist()):
         # Balls whose feet are on the tibia, and which touch the femur at `place`: their highest or lowest tops
-        sign, reach = -1.0 if depth > 0.0 else 1.0, math.ceil(abs(depth) * math.sin(STEEPEST) / STEP) + 1
+        sign, reach = (
+            -1.0 if depth > 0.0 else 1.0,
+            math.ceil(abs(depth) * math.sin(STEEPEST) / STEP) + 1,
+        )
         offset = STEP * np.arange(-reach, reach + 1)
-        ball = np.where(abs(offset) <= abs(depth), np.sqrt(np.maximum(depth * depth - offset**2, 0.0)), -FAR)
+        ball = np.where(
+            abs(offset) <= abs(depth), np.sqrt(np.maximum(depth * depth - offset**2, 0.0)), -FAR
+        )
         rise = _rise(tibia, place[0] + STEP * np.arange(-reach, len(place) + reach))
         tops = sliding_window_view(sign * rise, len(offset)) + ball
         best = np.clip(tops.argmax(axis=1), 1, 2 * reach - 1)
@@ -589,23 +675,37 @@ def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Tab
         least = clear[np.arange(len(angles)), lowest]
         heights[:, level] = -least
         edge = np.full((len(angles), 1), math.inf)
-        dips = (clear <= np.hstack([edge, clear[:, :-1]])) & (clear < np.hstack([clear[:, 1:], edge]))
+        dips = (clear <= np.hstack([edge, clear[:, :-1]])) & (
+            clear < np.hstack([clear[:, 1:], edge])
+        )
         columns, points = np.nonzero(dips)
         deepest = lowest[columns]
-        touched, other = (((x[columns, one] - place[0]) / STEP + 0.5).astype(int) for one in (points, deepest))
+        touched, other = (
+            ((x[columns, one] - place[0]) / STEP + 0.5).astype(int) for one in (points, deepest)
+        )
         away = np.hypot(px[points] - px[deepest], py[points] - py[deepest])
-        higher, shift = clear[columns, points] - least[columns], place[touched] - place[other] - offset[best[other]]
+        higher, shift = (
+            clear[columns, points] - least[columns],
+            place[touched] - place[other] - offset[best[other]],
+        )
         kept = higher <= SLACK * (away + abs(shift + offset[best[touched]])) + SLACK_OF_ALL
         columns, points, touched, away, higher, shift = (
             one[kept] for one in (columns, points, touched, away, higher, shift)
         )
         which, foot = np.arange(len(points)), best[touched]
-        if depth < 0.0:  # apart, other tops of the tibia may become the nearest ones to the same femoral point
+        if (
+            depth < 0.0
+        ):  # apart, other tops of the tibia may become the nearest ones to the same femoral point
             near = tops[touched]
-            which, foot = np.nonzero((near[:, 1:-1] > near[:, :-2]) & (near[:, 1:-1] >= near[:, 2:]))
+            which, foot = np.nonzero(
+                (near[:, 1:-1] > near[:, :-2]) & (near[:, 1:-1] >= near[:, 2:])
+            )
             foot += 1
         lower = at[touched[which]] - tops[touched[which], foot]
-        kept = higher[which] + lower <= SLACK * (away[which] + abs(shift[which] + offset[foot])) + SLACK_OF_ALL
+        kept = (
+            higher[which] + lower
+            <= SLACK * (away[which] + abs(shift[which] + offset[foot])) + SLACK_OF_ALL
+        )
         which, foot = which[kept], foot[kept]
         feet = place[touched[which]] + offset[foot]
         found.append(np.stack([columns[which], np.full(len(which), level), points[which], feet]))
@@ -619,10 +719,16 @@ def _cells(corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, part
     around = [(columns - i, levels - j, points, places) for i in (0, 1) for j in (0, 1)]
     columns, levels, points, places = np.concatenate(np.array(around), axis=1)
     inside = (columns >= 0) & (columns < len(heights) - 1) & (levels >= 0) & (levels < rows)
-    cells, points, places = (columns * rows + levels)[inside].astype(np.int64), points[inside], places[inside]
+    cells, points, places = (
+        (columns * rows + levels)[inside].astype(np.int64),
+        points[inside],
+        places[inside],
+    )
     order = np.lexsort((places, points, cells))
     cells, points, places = cells[order], points[order], places[order]
-    crowded = np.bincount(cells)[cells] > 4  # else there is one place, which moves from corner to corner
+    crowded = (
+        np.bincount(cells)[cells] > 4
+    )  # else there is one place, which moves from corner to corner
     apart = np.abs(np.diff(places, prepend=-9.0)) > np.where(crowded, APART, 4.0 * APART)
     apart |= crowded & (np.diff(points, prepend=-9.0) > 1.0)
     new = np.flatnonzero((np.diff(cells, prepend=-1) != 0) | apart)
@@ -632,12 +738,16 @@ def _cells(corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, part
     u = (points / parts - segments) * cubics[segments.astype(np.int64), 0]
     pieces = np.searchsorted(tibia[1:, 0], places, side="right")
     begins = np.searchsorted(cells[new], np.arange(len(middle) * rows + 1)).astype(np.int64)
-    return Table(middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0, :0])
+    return Table(
+        middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0, :0]
+    )
 
 
 GEOMETRIES: dict[str, type[Circle] | type[Profile]] = {"circle": Circle, "profile": Profile}
 """Femoral surfaces by the names that the parameter `femur.geometry` uses"""
 TIBIAL_GEOMETRIES: dict[str, type[Plane] | type[Cup] | type[Plateau]] = {
-    "plane": Plane, "circle": Cup, "profile": Plateau,
-}  # fmt: skip
+    "plane": Plane,
+    "circle": Cup,
+    "profile": Plateau,
+}
 """Tibial surfaces by the names that the parameter `tibia.geometry` uses"""

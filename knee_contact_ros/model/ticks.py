@@ -62,9 +62,30 @@ QUASI_STATIC, DYNAMIC, PRESCRIBED_HEIGHT = int(Fidelity.QUASI_STATIC), int(Fidel
 LEVELS = {"quasi_static": QUASI_STATIC, "dynamic": DYNAMIC, "auto": DYNAMIC}
 """Levels of the model by the names that the parameter `fidelity.level` uses"""
 (
-    BEGUN, ANGLE, LOAD, HEIGHT, VELOCITY, E_HEIGHT, E_VELOCITY, E_HH, E_HV, E_VV, TRY_STEP, IMPACT, IMPACT_ERROR,
-    STIFFNESS, SLOPE_DAMPING, LOST, FOLLOWING, AWAY, IMPULSE, STRONGEST, QUIET, UNSETTLED, STATE_SIZE,
-) = range(23)  # fmt: skip
+    BEGUN,
+    ANGLE,
+    LOAD,
+    HEIGHT,
+    VELOCITY,
+    E_HEIGHT,
+    E_VELOCITY,
+    E_HH,
+    E_HV,
+    E_VV,
+    TRY_STEP,
+    IMPACT,
+    IMPACT_ERROR,
+    STIFFNESS,
+    SLOPE_DAMPING,
+    LOST,
+    FOLLOWING,
+    AWAY,
+    IMPULSE,
+    STRONGEST,
+    QUIET,
+    UNSETTLED,
+    STATE_SIZE,
+) = range(23)
 """Places in the state of a run, all 0 before the first tick: whether it has begun; angle and load of the last tick;
 what `Femur` has; slopes of the last contact along the height; what `remember` needs; and for how long [s] of contact
 the answers are still those of a femur that has come from farther away than any"""
@@ -95,19 +116,55 @@ SETTLING = 0.1
 """Time of contact [s] in which the femur settles after a flight that is too far for a knee"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 (
-    W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING, W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE, W_ERROR,
-    W_FORCE_ERROR, W_WRENCH, W_TORQUE_Z, W_X, W_NORMAL_X, W_NORMAL_Y,
-) = map(word, (
-    "flexion_angle", "load", "contact_force", "penetration_depth", "gap", "penetration_rate", "sliding_velocity",
-    "contact_point_x", "femoral_height", "cartilage_depth", "bone_depth", "error_estimate", "force_error_estimate",
-    "contact_wrench_force_x", "contact_wrench_torque_z", "femoral_x", "normal_x", "normal_y",
-))  # fmt: skip
+    W_ANGLE,
+    W_LOAD,
+    W_FORCE,
+    W_DEPTH,
+    W_GAP,
+    W_RATE,
+    W_SLIDING,
+    W_POINT,
+    W_HEIGHT,
+    W_CARTILAGE,
+    W_BONE,
+    W_ERROR,
+    W_FORCE_ERROR,
+    W_WRENCH,
+    W_TORQUE_Z,
+    W_X,
+    W_NORMAL_X,
+    W_NORMAL_Y,
+) = map(
+    word,
+    (
+        "flexion_angle",
+        "load",
+        "contact_force",
+        "penetration_depth",
+        "gap",
+        "penetration_rate",
+        "sliding_velocity",
+        "contact_point_x",
+        "femoral_height",
+        "cartilage_depth",
+        "bone_depth",
+        "error_estimate",
+        "force_error_estimate",
+        "contact_wrench_force_x",
+        "contact_wrench_torque_z",
+        "femoral_x",
+        "normal_x",
+        "normal_y",
+    ),
+)
 B_STATE, B_FIDELITY, B_STATUS = byte("contact_state"), byte("fidelity"), byte("status")
 C_EVALUATIONS = byte("evaluations") // 4
 
 
 @in_kernel
-def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes, counts: Counts) -> None:
+def run(
+    knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes, counts: Counts
+) -> None:
     """Compute ticks in order into rows of answers, which are passed as their words, bytes and half words.
 
     `state` has shape (`STATE_SIZE`,), `samples` (n, 4). The duration of the first tick of a run has no effect: that
@@ -123,37 +180,68 @@ def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes,
         else:
             angle_rate = (angle - last_angle) / duration
             rounding = FORCE_ROUNDING * max(1.0, abs(load), abs(last_load))
-            tick = Interval(duration, last_angle, angle_rate, last_load, (load - last_load) / duration, rounding)
+            tick = Interval(
+                duration,
+                last_angle,
+                angle_rate,
+                last_load,
+                (load - last_load) / duration,
+                rounding,
+            )
             error = Error(
-                float(state[E_HEIGHT]), float(state[E_VELOCITY]), float(state[E_HH]), float(state[E_HV]),
+                float(state[E_HEIGHT]),
+                float(state[E_VELOCITY]),
+                float(state[E_HH]),
+                float(state[E_HV]),
                 float(state[E_VV]),
-            )  # fmt: skip
+            )
             start = Femur(
-                float(state[HEIGHT]), float(state[VELOCITY]), error, float(state[TRY_STEP]), float(state[IMPACT]),
+                float(state[HEIGHT]),
+                float(state[VELOCITY]),
+                error,
+                float(state[TRY_STEP]),
+                float(state[IMPACT]),
                 float(state[IMPACT_ERROR]),
-            )  # fmt: skip
-            if math.isnan(start.velocity):  # after a static start the femur follows its turning surface
+            )
+            if math.isnan(
+                start.velocity
+            ):  # after a static start the femur follows its turning surface
                 _, rate, cosine = touch(knee.surfaces, last_angle, angle_rate, start.height)
                 start = Femur(
-                    start.height, rate / cosine, start.error, start.try_step, start.impact_speed, start.impact_error
+                    start.height,
+                    rate / cosine,
+                    start.error,
+                    start.try_step,
+                    start.impact_speed,
+                    start.impact_error,
                 )
             if knee.level == PRESCRIBED_HEIGHT:
                 result, fidelity = follow(knee, tick, start, height), DYNAMIC
             else:
                 if knee.level == QUASI_STATIC:
-                    result = quasi_static(knee, tick, start, float(state[STIFFNESS]), float(state[SLOPE_DAMPING]))
+                    result = quasi_static(
+                        knee, tick, start, float(state[STIFFNESS]), float(state[SLOPE_DAMPING])
+                    )
                 else:
                     result = advance(knee, tick, start, knee.budget - ANSWER - 3)
                     if not result.converged:
-                        result = at_rest(knee, angle, load, math.nan, ANSWER - 4, max(1, result.evaluations))
+                        result = at_rest(
+                            knee, angle, load, math.nan, ANSWER - 4, max(1, result.evaluations)
+                        )
                         fidelity = QUASI_STATIC
                 # A femur that was followed and may be farther off than any depth is lost; a static one tells nothing.
                 beyond = knee.level == DYNAMIC and result.estimate > knee.plausible_depth
                 if not result.converged or beyond or state[LOST] > 0.0:
-                    result = remember(knee, tick, state, start, result, result.converged and not beyond)
+                    result = remember(
+                        knee, tick, state, start, result, result.converged and not beyond
+                    )
         femur, error = result.femur, result.femur.error
         state[BEGUN], state[ANGLE], state[LOAD] = 1.0, angle, load
-        state[HEIGHT], state[VELOCITY], state[TRY_STEP] = femur.height, femur.velocity, femur.try_step
+        state[HEIGHT], state[VELOCITY], state[TRY_STEP] = (
+            femur.height,
+            femur.velocity,
+            femur.try_step,
+        )
         state[E_HEIGHT], state[E_VELOCITY] = error.height, error.velocity
         state[E_HH], state[E_HV], state[E_VV] = error.hh, error.hv, error.vv
         state[IMPACT], state[IMPACT_ERROR] = femur.impact_speed, femur.impact_error
@@ -186,7 +274,9 @@ def at_rest(knee: Knee, angle: float, load: float, height: float, most: int, spe
 
 
 @in_kernel
-def at_height(knee: Knee, height: float, velocity: float, depth: float, rate: float, impact: float) -> Result:
+def at_height(
+    knee: Knee, height: float, velocity: float, depth: float, rate: float, impact: float
+) -> Result:
     """Return the contact at a prescribed height [m] and velocity [m/s], given depth [m] and rate [m/s] there."""
     force, _, _ = law_force(knee.law, depth, rate, 0.0 if math.isnan(impact) else impact)
     force = force if knee.allow_tension else max(force, 0.0)
@@ -224,7 +314,9 @@ def follow(knee: Knee, tick: Interval, start: Femur, end_height: float) -> Resul
 
 
 @in_kernel
-def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, damping: float) -> Result:
+def quasi_static(
+    knee: Knee, tick: Interval, start: Femur, stiffness: float, damping: float
+) -> Result:
     """Return the static contact at the end of an interval, with the error of the motion that it leaves out.
 
     With x = static height - dynamic height, M ẍ + C ẋ + K x = M ÿ_static - C δ̇_static, by the contact linearised with
@@ -238,9 +330,18 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
     begin_velocity = surface_rate / cosine - sinking
     near = max(0.0, depth + cosine * sinking * h)
     height, end_depth, force, k, c, end_cosine, used = static_contact(
-        knee.surfaces, knee.law, end_angle, load, start.height, near, NEWTON_SHARE * knee.tolerance, knee.budget
+        knee.surfaces,
+        knee.law,
+        end_angle,
+        load,
+        start.height,
+        near,
+        NEWTON_SHARE * knee.tolerance,
+        knee.budget,
     )
-    if knee.remembers and start.impact_speed + start.impact_error > 0.0:  # it has begun faster, and damps less
+    if (
+        knee.remembers and start.impact_speed + start.impact_error > 0.0
+    ):  # it has begun faster, and damps less
         _, _, c = law_force(knee.law, end_depth, 0.0, start.impact_speed + start.impact_error)
     _, end_surface_rate, _ = touch(knee.surfaces, end_angle, tick.angle_rate, height)
     square = end_cosine * end_cosine
@@ -248,43 +349,73 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
     end_sinking = tick.load_rate / k if k > 0.0 else 0.0
     velocity = end_surface_rate / end_cosine - end_sinking
     inertia = mass * (velocity - begin_velocity) / h
-    pressed = min(tick.load, load) > 0.0 and min(tick.load, load) + inertia > 0.0 and min(stiffness, k) > 0.0
+    pressed = (
+        min(tick.load, load) > 0.0
+        and min(tick.load, load) + inertia > 0.0
+        and min(stiffness, k) > 0.0
+    )
     error, held = bounded(start.error), holding(k, c, mass)
     if pressed:
-        before = Error(error.height, error.velocity + begin_velocity - start.velocity, error.hh, error.hv, error.vv)
+        before = Error(
+            error.height,
+            error.velocity + begin_velocity - start.velocity,
+            error.hh,
+            error.hv,
+            error.vv,
+        )
         begin_rest = (inertia - damping * sinking) / stiffness
         end_rest = (inertia - c * end_sinking) / k
         begin_layer, layer = layer_at(knee.law, depth), layer_at(knee.law, end_depth)
         in_layer = end_depth - float(knee.law[max(layer, 1), BEGIN])
-        error = left_behind(before, begin_rest, end_rest, stiffness, damping, k, c, in_layer, mass, h)
-        if layer > 1 and reach(before, held) > in_layer:  # half of its swing may lie in the layer above
+        error = left_behind(
+            before, begin_rest, end_rest, stiffness, damping, k, c, in_layer, mass, h
+        )
+        if (
+            layer > 1 and reach(before, held) > in_layer
+        ):  # half of its swing may lie in the layer above
             _, soft, _ = force_at(knee.law, layer - 1, end_depth, 0.0, 0.0)
-            kept = reach(before, held) * math.exp(-h / SOFT_SWINGS * math.sqrt(square * soft / mass))
+            kept = reach(before, held) * math.exp(
+                -h / SOFT_SWINGS * math.sqrt(square * soft / mass)
+            )
             least = max(0.0, kept - reach(error, held))
             error = with_bound(error, least, least * held)
         left = min(NEWTON_SHARE * knee.tolerance, 1e-3 * end_depth)
         unknown = left * left / max(end_depth, TINY)
-        if begin_layer != layer:  # a layer begins softly, or with another dashpot: the dynamic femur may stay behind
+        if (
+            begin_layer != layer
+        ):  # a layer begins softly, or with another dashpot: the dynamic femur may stay behind
             behind = max(depth, end_depth) - float(knee.law[max(begin_layer, layer), BEGIN])
             unknown += behind
             if damping > c:  # let go later, it swings about where the load has left it
-                late = math.sqrt(2.0 * damping * (behind + reach(before, math.inf)) / max(abs(tick.load_rate), TINY))
+                late = math.sqrt(
+                    2.0
+                    * damping
+                    * (behind + reach(before, math.inf))
+                    / max(abs(tick.load_rate), TINY)
+                )
                 unknown += min(abs(depth - end_depth), abs(tick.load_rate) * min(late, h) / k)
         way, speed = pushed_by(UNKNOWN_INERTIA * abs(inertia), k, c, mass, h)
-        if knee.surfaces.non_convex > 0.0 or not math.isnan(next_kink(knee.surfaces, tick.angle, end_angle)):
+        if knee.surfaces.non_convex > 0.0 or not math.isnan(
+            next_kink(knee.surfaces, tick.angle, end_angle)
+        ):
             # The contact leaps from bump to bump: the surface kicks the femur, maybe twice, maybe at the end.
             kick = 3.0 * abs(velocity - begin_velocity)
             way, speed = way + kick / held, speed + kick
         error = bounded(with_bound(error, unknown + way, speed))
         # The linearised contact must not pull the femur with more than the load, as no contact does.
-        pull, swing = stiffness * before.height + damping * before.velocity, math.sqrt(stiffness * mass)
+        pull, swing = (
+            stiffness * before.height + damping * before.velocity,
+            math.sqrt(stiffness * mass),
+        )
         if damping < 2.0 * swing:  # what is a velocity now pulls later
             rebound = swing * before.velocity
             pull = math.sqrt(pull * pull + rebound * rebound)
         pressed = abs(pull) < min(tick.load, load)
         # A contact that has let go and begun anew damps otherwise, if the law remembers how it began.
         pressed = pressed and not (knee.remembers and reach(error, held) >= in_layer)
-    stage = Stage(end_depth, end_cosine * end_sinking, force, k, c, end_surface_rate, end_cosine, 0.0)
+    stage = Stage(
+        end_depth, end_cosine * end_sinking, force, k, c, end_surface_rate, end_cosine, 0.0
+    )
     femur = Femur(height, velocity, error, math.inf, start.impact_speed, start.impact_error)
     force_estimate = force_reach(error, k, c, c * end_sinking, held) / end_cosine
     return Result(femur, stage, force, reach(error, held), force_estimate, used, pressed)
@@ -292,9 +423,17 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
 
 @in_kernel
 def left_behind(
-    error: Error, begin_rest: float, end_rest: float, stiffness: float, damping: float, k: float, c: float,
-    in_layer: float, mass: float, h: float,
-) -> Error:  # fmt: skip
+    error: Error,
+    begin_rest: float,
+    end_rest: float,
+    stiffness: float,
+    damping: float,
+    k: float,
+    c: float,
+    in_layer: float,
+    mass: float,
+    h: float,
+) -> Error:
     """Return the deviation of the static contact from the dynamic one after a tick of `h` [s].
 
     `begin_rest` and `end_rest` [m] are where it would come to rest, which moves linearly; the slopes are those at the
@@ -310,21 +449,28 @@ def left_behind(
     late = abs(math.sqrt(k / mass) - frequency) + LOOSE * frequency
     if h * min(frequency, late) > IN_STEP and dashpot < 2.0 * frequency * mass:
         # Its phase at the end of the tick is not known.
-        added = ANY_PHASE * ANY_PHASE * (x * x + u * u / (frequency * frequency)) / (SPREAD * SPREAD)
-        away = Error(0.0, 0.0, error.hh + added, error.hv, error.vv + added * frequency * frequency)
+        added = (
+            ANY_PHASE * ANY_PHASE * (x * x + u * u / (frequency * frequency)) / (SPREAD * SPREAD)
+        )
+        away = Error(
+            0.0, 0.0, error.hh + added, error.hv, error.vv + added * frequency * frequency
+        )
     moved = over_step(away, spring, spring, spring, dashpot, mass, h)
     if abs(k - spring) > ANOTHER * spring or abs(c - dashpot) > ANOTHER * dashpot:
         other = over_step(away, k, k, k, c, mass, h)
         wider = math.sqrt(max(other.hh, 0.0)) - math.sqrt(max(moved.hh, 0.0))
         faster = math.sqrt(max(other.vv, 0.0)) - math.sqrt(max(moved.vv, 0.0))
         moved = with_bound(
-            moved, abs(other.height - moved.height) + SPREAD * max(wider, 0.0),
+            moved,
+            abs(other.height - moved.height) + SPREAD * max(wider, 0.0),
             abs(other.velocity - moved.velocity) + SPREAD * max(faster, 0.0),
-        )  # fmt: skip
+        )
     behind = moved.velocity / held
     still = math.sqrt(moved.height * moved.height + behind * behind)
     doubted = SPREAD * math.sqrt(max(moved.hh + moved.vv / (held * held), 0.0))
-    moved = Error(moved.height + end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
+    moved = Error(
+        moved.height + end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv
+    )
     size = abs(moved.height) + abs(error.height)
     unknown = max(ROUGH * still - doubted, 0.0) + ROUGH * abs(end_rest - begin_rest) + LOOSE * size
     unknown += BENT_REST * size * min(1.0, size / max(in_layer, TINY))
@@ -335,7 +481,9 @@ def left_behind(
 
 
 @in_kernel
-def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Result, solved: bool) -> Result:
+def remember(
+    knee: Knee, tick: Interval, state: Floats, start: Femur, result: Result, solved: bool
+) -> Result:
     """Return the answer to a tick while the exact solution is lost, and find out whether it has been forgotten.
 
     It is lost where a tick could not be resolved, or where its error may be larger than any depth: the linearised
@@ -349,10 +497,18 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
     """
     mass, stage, h = knee.mass, result.stage, tick.duration
     load = tick.load + tick.load_rate * h
-    pull, deepest, damped = max(abs(tick.load), abs(load)), max(stage.depth, 0.0), not knee.remembers
+    pull, deepest, damped = (
+        max(abs(tick.load), abs(load)),
+        max(stage.depth, 0.0),
+        not knee.remembers,
+    )
     for i in range(1, len(knee.law) - 1):
         damped = damped and knee.law[i, DAMPING] > 0.0
-    end_angle, speed, follows = tick.angle + tick.angle_rate * h, float(state[LOST]), result.femur.velocity
+    end_angle, speed, follows = (
+        tick.angle + tick.angle_rate * h,
+        float(state[LOST]),
+        result.femur.velocity,
+    )
     if math.isnan(follows):
         _, end_rate, cosine = touch(knee.surfaces, end_angle, tick.angle_rate, result.femur.height)
         follows = end_rate / cosine
@@ -384,34 +540,75 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
             state[QUIET] += h * eigenvalues(stage.stiffness, stage.damping, mass)[0]
             away = max(stage.depth, speed * math.sqrt(mass / stage.stiffness))
             if state[QUIET] > math.log(1.0 + away / (FORGOTTEN * knee.tolerance)):
-                state[LOST], state[AWAY], state[IMPULSE], state[STRONGEST], state[QUIET] = 0.0, 0.0, 0.0, 0.0, 0.0
+                state[LOST], state[AWAY], state[IMPULSE], state[STRONGEST], state[QUIET] = (
+                    0.0,
+                    0.0,
+                    0.0,
+                    0.0,
+                    0.0,
+                )
                 femur, left = result.femur, REMAINS * knee.tolerance
-                error = with_bound(femur.error, left, left * holding(stage.stiffness, stage.damping, mass))
+                error = with_bound(
+                    femur.error, left, left * holding(stage.stiffness, stage.damping, mass)
+                )
                 return Result(
-                    Femur(femur.height, femur.velocity, error, femur.try_step, femur.impact_speed, landing),
-                    stage, result.force, result.estimate + left, result.force_estimate, result.evaluations, True,
-                )  # fmt: skip
+                    Femur(
+                        femur.height,
+                        femur.velocity,
+                        error,
+                        femur.try_step,
+                        femur.impact_speed,
+                        landing,
+                    ),
+                    stage,
+                    result.force,
+                    result.estimate + left,
+                    result.force_estimate,
+                    result.evaluations,
+                    True,
+                )
     state[LOST], state[FOLLOWING] = min(speed, LARGEST_ERROR), follows
     state[AWAY] = min(state[AWAY] + deepest + speed * h, LARGEST_ERROR)
     return Result(
-        result.femur, stage, result.force, max(result.estimate, float(state[AWAY])), result.force_estimate,
-        result.evaluations + 2, False,
-    )  # fmt: skip
+        result.femur,
+        stage,
+        result.force,
+        max(result.estimate, float(state[AWAY])),
+        result.force_estimate,
+        result.evaluations + 2,
+        False,
+    )
 
 
 @inlined
 def write_answer(
-    knee: Knee, angle: float, angle_rate: float, load: float, fidelity: int, result: Result, far: bool,
-    words: Floats, codes: Bytes, counts: Counts, i: int,
-) -> None:  # fmt: skip
+    knee: Knee,
+    angle: float,
+    angle_rate: float,
+    load: float,
+    fidelity: int,
+    result: Result,
+    far: bool,
+    words: Floats,
+    codes: Bytes,
+    counts: Counts,
+    i: int,
+) -> None:
     """Fill row i with the answer to a tick, except for stamp and latency, which the kernel does not know."""
     stage, height, depth = result.stage, result.femur.height, max(0.0, result.stage.depth)
     bone = max(0.0, depth - float(knee.law[2, BEGIN]))
     x, x_slope = translation(knee.surfaces.pieces, angle)
     overlap, extent, turning, normal_x, normal_y = closest(knee.surfaces, angle, x, height)
     along, across = -turning, overlap - extent
-    point_x, point_y = x + along * normal_y + across * normal_x, height - along * normal_x + across * normal_y
-    estimate, force_estimate, evaluations = result.estimate, result.force_estimate, result.evaluations
+    point_x, point_y = (
+        x + along * normal_y + across * normal_x,
+        height - along * normal_x + across * normal_y,
+    )
+    estimate, force_estimate, evaluations = (
+        result.estimate,
+        result.force_estimate,
+        result.evaluations,
+    )
     if estimate > NEARLY_STRAIGHT * abs(stage.depth) and stage.depth + estimate > 0.0:
         # The law bends over the error of the depth: evaluate it at the deeper end.
         deeper, rate = stage.depth + estimate, stage.rate + velocity_reach(result.femur.error)
@@ -424,15 +621,26 @@ def write_answer(
     velocity = 0.0 if math.isnan(result.femur.velocity) else result.femur.velocity
     force_x, force_y = -result.force * normal_x, -result.force * normal_y
     words[i, W_ANGLE], words[i, W_LOAD], words[i, W_FORCE] = angle, load, result.force
-    words[i, W_DEPTH], words[i, W_GAP], words[i, W_RATE] = depth, max(0.0, -stage.depth), stage.rate
+    words[i, W_DEPTH], words[i, W_GAP], words[i, W_RATE] = (
+        depth,
+        max(0.0, -stage.depth),
+        stage.rate,
+    )
     # Second of Eqs. 6: velocity of the femur's deepest point along the anterior tangent t = (n_y, -n_x) of the tibia.
     words[i, W_SLIDING] = angle_rate * (x_slope * normal_y + extent) - velocity * normal_x
     words[i, W_POINT], words[i, W_POINT + 1] = point_x, point_y
-    words[i, W_HEIGHT], words[i, W_X], words[i, W_NORMAL_X], words[i, W_NORMAL_Y] = height, x, normal_x, normal_y
+    words[i, W_HEIGHT], words[i, W_X], words[i, W_NORMAL_X], words[i, W_NORMAL_Y] = (
+        height,
+        x,
+        normal_x,
+        normal_y,
+    )
     words[i, W_CARTILAGE], words[i, W_BONE] = depth - bone, bone
     # Not a number is no estimate: it is published as the largest error.
     words[i, W_ERROR] = estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
-    words[i, W_FORCE_ERROR] = force_estimate if force_estimate < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
+    words[i, W_FORCE_ERROR] = (
+        force_estimate if force_estimate < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
+    )
     words[i, W_WRENCH], words[i, W_WRENCH + 1] = force_x, force_y
     words[i, W_TORQUE_Z] = point_x * force_y - point_y * force_x
     codes[i, B_STATE] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0

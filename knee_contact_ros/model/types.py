@@ -85,7 +85,13 @@ class Status(IntFlag):
 
 NANOSECOND = 1e-9
 """Unit of stamps [s]"""
-UNUSABLE = Status.STALE_INPUT | Status.TIME_RESET | Status.INPUT_HELD | Status.NOT_CONVERGED | Status.IMPLAUSIBLE
+UNUSABLE = (
+    Status.STALE_INPUT
+    | Status.TIME_RESET
+    | Status.INPUT_HELD
+    | Status.NOT_CONVERGED
+    | Status.IMPLAUSIBLE
+)
 """An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used;
 whether a doubtful load is good enough is for the user to say."""
 
@@ -100,7 +106,9 @@ class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
         return value.item() if isinstance(value, np.generic) else value
 
     def __repr__(self) -> str:
-        return f"({', '.join(f'{name}={getattr(self, name)!r}' for name in self.dtype.names or ())})"
+        return (
+            f"({', '.join(f'{name}={getattr(self, name)!r}' for name in self.dtype.names or ())})"
+        )
 
     __str__ = __repr__
 
@@ -141,7 +149,9 @@ class Contact(Row):  # type: ignore[misc]
     """Distance of the surfaces, >= 0; 0 in contact"""
     penetration_rate: Annotated[float, Field("m/s")]
     """Rate of the signed depth, > 0 when the surfaces approach each other"""
-    sliding_velocity: Annotated[float, Field("m/s", plot="Sliding velocity, anterior > 0", added=True)]
+    sliding_velocity: Annotated[
+        float, Field("m/s", plot="Sliding velocity, anterior > 0", added=True)
+    ]
     """Velocity of the femur's surface relative to the tibia's along the contact, > 0 anteriorly (Eq. 6)"""
     contact_point: Annotated[Point, Field("m")]
     """Contact point on the plateau in the tibia frame (when apart: the point closest to the femur); z is 0"""
@@ -196,7 +206,11 @@ def _fields(record: type[Row], before: str = "", unit: str = "") -> np.dtype[Any
     """
     fields: list[tuple[str, Any]] = []
     for name, hint in get_type_hints(record, include_extras=True).items():
-        kind, field = (hint.__origin__, hint.__metadata__[0]) if hasattr(hint, "__metadata__") else (hint, Field())
+        kind, field = (
+            (hint.__origin__, hint.__metadata__[0])
+            if hasattr(hint, "__metadata__")
+            else (hint, Field())
+        )
         if issubclass(kind, Row):
             PARTS[name] = kind
             fields.append((name, _fields(kind, f"{before}{name}_", field.unit)))
@@ -222,7 +236,9 @@ WRENCH = _place("contact_wrench")
 """Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
 
 
-def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, np.dtype[Any], int]]:
+def _numbers(
+    kind: np.dtype[Any], before: str, at: int
+) -> Iterator[tuple[str, np.dtype[Any], int]]:
     """Yield name, type and byte offset of every number in a record type, nested ones included."""
     for name, (field, offset, *_) in (kind.fields or {}).items():
         if field.fields:
@@ -232,7 +248,9 @@ def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, n
 
 
 _NAMES, _FORMATS, _OFFSETS = zip(*_numbers(ROW, "", 0), strict=True)
-FLAT = np.dtype({"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize})
+FLAT = np.dtype(
+    {"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize}
+)
 """The same row as a flat record, in which nested numbers have names of their own, such as `contact_point_x`"""
 TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop)
 """Names in `FLAT` of the numbers that the message has"""

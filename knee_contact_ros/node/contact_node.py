@@ -52,17 +52,37 @@ from knee_contact_ros.streams.topics import (
 )
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
 from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, KneeOutlines, compartments_of, drawings_of
+from knee_contact_ros.view.anatomy import (
+    NEWTONS_PER_MM,
+    KneeOutlines,
+    compartments_of,
+    drawings_of,
+)
 from knee_contact_ros.view.output import address
 
 COUNTED = reader("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""
-_LIVE = frozenset({
-    "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
-    "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
-    "contact.restitution", "contact.least_impact_speed",
-    "fidelity.level", "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
-})  # fmt: skip
+_LIVE = frozenset(
+    {
+        "knee.flexion_offset",
+        "load.share",
+        "load.compartment_spacing",
+        "femur.mass",
+        "contact.stiffness",
+        "contact.exponent",
+        "contact.damping",
+        "contact.layer_depth",
+        "contact.stiffness_2",
+        "contact.restitution",
+        "contact.least_impact_speed",
+        "fidelity.level",
+        "fidelity.tolerance",
+        "fidelity.force_tolerance",
+        "fidelity.budget",
+        "deadline",
+        "record.path",
+    }
+)
 LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
 """Parameters that may change while the node is configured: numbers of the model and of its inputs, and the
 name of the next recording. They take effect between two ticks."""
@@ -123,7 +143,9 @@ class ContactSession(Session):
         self._open()
         if parameters.rerun.mode in ("serve", "spawn"):
             url = address(parameters.rerun.port)
-            node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
+            node.get_logger().info(
+                f"the scene is served on this machine at {url}; to see it: knee-contact view {url}"
+            )
 
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:
         """Load the compiled model; if that is not possible, the plain one computes.
@@ -134,8 +156,12 @@ class ContactSession(Session):
         known; otherwise it would go on compiling.
         """
         if find_spec("numba") and not kept_files():
-            self.node.get_logger().info(f"compiling the model, once on a machine, which takes about {COMPILING:.0f} s")
-            process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.commands.main", "warm"))
+            self.node.get_logger().info(
+                f"compiling the model, once on a machine, which takes about {COMPILING:.0f} s"
+            )
+            process = start(
+                output=None, **OWN_GROUP, **python_module("knee_contact_ros.commands.main", "warm")
+            )
             try:
                 with interrupting():
                     process.wait()
@@ -151,7 +177,11 @@ class ContactSession(Session):
         self._markers.newest = None
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
-        acts = (MARKER_PERIOD, self._markers.publish), (STRIDE_PERIOD, self._strides.publish), (0.97, self.health.take)
+        acts = (
+            (MARKER_PERIOD, self._markers.publish),
+            (STRIDE_PERIOD, self._strides.publish),
+            (0.97, self.health.take),
+        )
         return [*super()._regular_acts(), *acts]
 
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
@@ -164,8 +194,12 @@ class ContactSession(Session):
                 self.node.get_logger().warning(doubt)
 
     def _described(self, parameters: Parameters) -> Knee:
-        provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
-        models = {compartment.topic: compartment.model for compartment in self.pipeline.compartments}
+        provenance = provenance_record(
+            self.parameters, self._curves, ticks_before=self.pipeline.ticks
+        )
+        models = {
+            compartment.topic: compartment.model for compartment in self.pipeline.compartments
+        }
         return Knee(parameters, models, self._names, provenance)
 
     def _publish(self, pair: PairedSample) -> None:
@@ -216,13 +250,22 @@ class StrideTopic:
             rows = np.frombuffer(b"".join([row[: ROW.itemsize] for row in self.rows]), ROW)
             self.rows = []
             for stride in self._strides.add(rows):
-                self._publisher.publish(encode_stride(stride, self.frame_id, int(rows["stamp"][-1])))
+                self._publisher.publish(
+                    encode_stride(stride, self.frame_id, int(rows["stamp"][-1]))
+                )
 
 
 STRIDE_NUMBERS = (
-    "peak_force", "peak_depth", "impulse", "stance_impulse", "loading_rate", "stance_time", "stride_time", "phase",
+    "peak_force",
+    "peak_depth",
+    "impulse",
+    "stance_impulse",
+    "loading_rate",
+    "stance_time",
+    "stride_time",
+    "phase",
     "usable",
-)  # fmt: skip
+)
 """Names of the numbers of a stride's message"""
 
 
@@ -235,10 +278,16 @@ def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:
     span = stride.span
     since = now - span.end if 0 <= now - span.end <= CERTAIN else math.nan
     numbers = (
-        stride.peak_force, stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate,
-        1e-9 * (span.toe_off - span.start), span.duration, since / (span.end - span.start),
+        stride.peak_force,
+        stride.peak_depth,
+        stride.impulse,
+        stride.stance_impulse,
+        stride.loading_rate,
+        1e-9 * (span.toe_off - span.start),
+        span.duration,
+        since / (span.end - span.start),
         float(stride.usable),
-    )  # fmt: skip
+    )
     return encode_joint_state(StrideNumbers(span.end, frame_id, STRIDE_NUMBERS, numbers, (), ()))
 
 
@@ -251,9 +300,17 @@ LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
 """Scales of the markers [m]: width of a line; diameters of a sphere; diameters of an arrow's shaft and head, and head
 length"""
 SHOWN = reader(
-    "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "contact_point_z", "femoral_height",
-    "contact_state", "femoral_x", "normal_x", "normal_y",
-)  # fmt: skip
+    "flexion_angle",
+    "contact_force",
+    "contact_point_x",
+    "contact_point_y",
+    "contact_point_z",
+    "femoral_height",
+    "contact_state",
+    "femoral_x",
+    "normal_x",
+    "normal_y",
+)
 """Reader of the fields of an answer's row that are drawn"""
 MARKER_PERIOD = 1.0 / 30.0
 """Shortest time [s] from one message to the next"""
@@ -276,7 +333,9 @@ class KneeMarkers:
         self._message: Any = self._types[MARKER_ARRAY](
             markers=[marker for markers in self._compartments for marker in markers]
         )
-        self.encode(0, "", bytes(len(drawings) * ROW.itemsize))  # the encoder is made at its first use
+        self.encode(
+            0, "", bytes(len(drawings) * ROW.itemsize)
+        )  # the encoder is made at its first use
 
     def encode(self, stamp: int, frame_id: str, rows: bytes) -> bytes:
         """Return the bytes of the MarkerArray of an answer at `stamp` [ns]; `rows` has a row for each compartment.
@@ -310,21 +369,37 @@ class KneeMarkers:
             self._marker(f"{drawing.knee}/tibia", kind.LINE_STRIP, LINE, colours.SURFACE, tibia),
             self._marker(f"{drawing.knee}/femur", kind.LINE_STRIP, LINE, colours.SURFACE, femur),
             self._marker(f"{drawing.knee}/contact_point", kind.SPHERE, BALL, apart, []),
-            self._marker(f"{drawing.knee}/contact_force_on_femur", kind.ARROW, ARROW, colours.FORCE, []),
+            self._marker(
+                f"{drawing.knee}/contact_force_on_femur", kind.ARROW, ARROW, colours.FORCE, []
+            ),
         ]
 
-    def _marker(self, name: str, shape: int, scale: Sequence[float], colour: Any, points: list[Any]) -> Any:
+    def _marker(
+        self, name: str, shape: int, scale: Sequence[float], colour: Any, points: list[Any]
+    ) -> Any:
         """Make a marker with its own frame at the origin, and points in that frame."""
         of, nothing = self._types, np.zeros(0, np.uint8)
         return of[MARKER](
-            header=self._header(0, ""), ns=name, id=0, type=shape, action=0, pose=self._pose(0.0, 0.0, 0.0),
-            scale=of["geometry_msgs/msg/Vector3"](*scale), color=self._colour(colour),
-            lifetime=of["builtin_interfaces/msg/Duration"](sec=LIFETIME, nanosec=0), frame_locked=True,
-            points=points, colors=[], texture_resource="",
-            texture=of["sensor_msgs/msg/CompressedImage"](self._header(0, ""), "", nothing), uv_coordinates=[], text="",
-            mesh_resource="", mesh_file=of["visualization_msgs/msg/MeshFile"]("", nothing),
+            header=self._header(0, ""),
+            ns=name,
+            id=0,
+            type=shape,
+            action=0,
+            pose=self._pose(0.0, 0.0, 0.0),
+            scale=of["geometry_msgs/msg/Vector3"](*scale),
+            color=self._colour(colour),
+            lifetime=of["builtin_interfaces/msg/Duration"](sec=LIFETIME, nanosec=0),
+            frame_locked=True,
+            points=points,
+            colors=[],
+            texture_resource="",
+            texture=of["sensor_msgs/msg/CompressedImage"](self._header(0, ""), "", nothing),
+            uv_coordinates=[],
+            text="",
+            mesh_resource="",
+            mesh_file=of["visualization_msgs/msg/MeshFile"]("", nothing),
             mesh_use_embedded_materials=False,
-        )  # fmt: skip
+        )
 
     def _header(self, stamp: int, frame_id: str) -> Any:
         """Make a header with a stamp [ns]."""
@@ -333,8 +408,12 @@ class KneeMarkers:
 
     def _pose(self, x: float, y: float, z: float, turn: float = 0.0) -> Any:
         """Make a pose at x, y, z [m], turned about z by an angle [rad] from x to y."""
-        turned = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn))
-        return self._types["geometry_msgs/msg/Pose"](self._types["geometry_msgs/msg/Point"](x, y, z), turned)
+        turned = self._types["geometry_msgs/msg/Quaternion"](
+            0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn)
+        )
+        return self._types["geometry_msgs/msg/Pose"](
+            self._types["geometry_msgs/msg/Point"](x, y, z), turned
+        )
 
     def _colour(self, rgb: Sequence[int] | NDArray[np.uint8]) -> Any:
         """Make an opaque colour."""

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from knee_contact_ros.node.inputs import Input
     from knee_contact_ros.node.session import Session
 
-OFF_TIME = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
+OFF_TIME = tuple(
+    f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order")
+)
 """Names of the counters of samples that are refused because of their stamps"""
 FROM_BOOT = 1e8
 """Difference [s] of stamps above which one clock must count from boot"""
@@ -35,7 +37,12 @@ REMINDER_PERIOD = 30.0
 """Shortest time [s] between two warnings of a state that lasts, such as a silent input"""
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """Clock that keeps running when simulated time stands still or the system's clock is set"""
-OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
 Problem = tuple[bytes, str]
 """Level of a `DiagnosticStatus`, and its message, which is empty if nothing is wrong"""
 Entry = tuple[str, dict[str, str], Problem]
@@ -65,10 +72,19 @@ class Health:
     messages that come meanwhile.
     """
 
-    def __init__(self, session: Session, levels: type[IntEnum] = Fidelity, what: str = "fidelity") -> None:
+    def __init__(
+        self, session: Session, levels: type[IntEnum] = Fidelity, what: str = "fidelity"
+    ) -> None:
         """Begin to report; `levels` are those of the answers, and `what` is the word for one."""
-        self.session, self._pipeline, self._levels, self._what = session, session.pipeline, levels, what
-        self._name = session.node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
+        self.session, self._pipeline, self._levels, self._what = (
+            session,
+            session.pipeline,
+            levels,
+            what,
+        )
+        self._name = session.node.get_fully_qualified_name().removeprefix(
+            "/"
+        )  # in /diagnostics, which all knees share
         self._reported: dict[str, int] = {}  # totals at the last report
         self._warned: dict[str, float] = {}  # monotonic times [s] of the last warnings
 
@@ -89,7 +105,11 @@ class Health:
         self._log_silence()
         entries = [
             self.usability(),
-            *map(self._input, self.session.inputs, (self._pipeline.angles_seen, self._pipeline.forces_seen)),
+            *map(
+                self._input,
+                self.session.inputs,
+                (self._pipeline.angles_seen, self._pipeline.forces_seen),
+            ),
             self._refused(),
             self.pairing(),
             self.ticks(),
@@ -100,12 +120,16 @@ class Health:
             entries.append((name, values, (ERROR if lost else warned(text)[0], text)))
         status = [
             DiagnosticStatus(
-                level=level, name=f"{self._name}: {name}", message=text or "ok",
+                level=level,
+                name=f"{self._name}: {name}",
+                message=text or "ok",
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
             for name, values, (level, text) in entries
-        ]  # fmt: skip
-        return DiagnosticArray(header=Header(stamp=self.session.node.get_clock().now().to_msg()), status=status)
+        ]
+        return DiagnosticArray(
+            header=Header(stamp=self.session.node.get_clock().now().to_msg()), status=status
+        )
 
     def special_entries(self) -> list[Entry]:
         """Entries that only one kind of node has."""
@@ -118,34 +142,56 @@ class Health:
     def usability(self) -> Entry:
         """Entry that says whether the newest answer may be used for control; an old one may not."""
         age = time.monotonic() - self.session.answered
-        unusable = sum(number for (_, status), number in self.session.counts.items() if status & UNUSABLE)
+        unusable = sum(
+            number for (_, status), number in self.session.counts.items() if status & UNUSABLE
+        )
         more = self.more("unusable", unusable)
         problem = first_of(
             (math.isinf(age), STALE, "no answer yet"),
-            (age > self.session.parameters.diagnostics.timeout, STALE, f"no answer for {age:.1f} s"),
+            (
+                age > self.session.parameters.diagnostics.timeout,
+                STALE,
+                f"no answer for {age:.1f} s",
+            ),
             (more, WARN, f"not usable answers: {more}"),
         )
         bits = ", ".join(bit.name or "" for bit in Status if self.session.status & bit & UNUSABLE)
         why = problem[1] if problem[0] == STALE else bits
-        values = {"usable": "false" if why else "true", "because": why, "not usable": str(unusable)}
+        values = {
+            "usable": "false" if why else "true",
+            "because": why,
+            "not usable": str(unusable),
+        }
         return "answers", values, problem
 
     def _input(self, stream: Input, seen: Any) -> Entry:
         """Entry for an input; publishers that disagree are logged."""
         (values, problem), publishers = stream.meter.report(), stream.publishers
-        joint = self.session.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
+        joint = (
+            self.session.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
+        )
         words = seen.sentence(f"{publishers} publishers" if publishers > 1 else "", joint)
         self.warn(stream.topic, words)
         seen.forget()
-        values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(publishers)}
+        values |= {
+            "reliability": stream.reliability.replace("_", " "),
+            "publishers": str(publishers),
+        }
         return stream.topic, values, problem if problem[1] else warned(words)
 
     def _log_silence(self) -> None:
-        silent = [stream for stream in self.session.inputs if time.monotonic() - stream.meter.last > SILENCE]
+        silent = [
+            stream
+            for stream in self.session.inputs
+            if time.monotonic() - stream.meter.last > SILENCE
+        ]
         if silent:
             names = " and ".join(resolved(self.session.node, stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
-            if any(stream.publishers and not (stream.meter.received or stream.handed) for stream in silent):
+            if any(
+                stream.publishers and not (stream.meter.received or stream.handed)
+                for stream in silent
+            ):
                 text += (
                     ", although there is a publisher: it sends nothing, or it runs as another user, whose shared "
                     "memory cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"
@@ -155,7 +201,9 @@ class Health:
     def _refused(self) -> Entry:
         """Entry for the refused samples, counted by reason."""
         refused = self._pipeline.synchroniser.refused
-        counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
+        counts = {"total": str(refused.total())} | {
+            reason: str(count) for reason, count in refused.items()
+        }
         return "refused samples", counts, warned("samples were refused" if refused else "")
 
     def pairing(self) -> Entry:
@@ -169,7 +217,9 @@ class Health:
             values["force ahead of angle [s]"] = f"{lead:.3f}"
         if paired.leads:
             usual = float(np.median(paired.leads)) / NANOSECONDS
-            values["force ahead of angle, median [s] (pairing.angle_delay, if it is the sensor's)"] = f"{usual:.4f}"
+            values[
+                "force ahead of angle, median [s] (pairing.angle_delay, if it is the sensor's)"
+            ] = f"{usual:.4f}"
             paired.leads = []
         lost = self.more("unrecorded", paired.unrecorded)
         off = self.more("off time", sum(paired.refused[reason] for reason in OFF_TIME))
@@ -178,11 +228,19 @@ class Health:
         apart += "; one of them counts from boot" if abs(lead) > FROM_BOOT else ""
         apart += ", and the answers are flagged (STALE_INPUT)" if paired.apart else ""
         _, text = warned(
-            f"{lost} angles are not recorded: more of them than pairing.queue came without a force" if lost else "",
-            *(f"stamps of {topic} have jumped" for topic, number in jumps.items() if self.more(topic, number)),
+            f"{lost} angles are not recorded: more of them than pairing.queue came without a force"
+            if lost
+            else "",
+            *(
+                f"stamps of {topic} have jumped"
+                for topic, number in jumps.items()
+                if self.more(topic, number)
+            ),
             f"{off} stamps fit neither the sample before nor the other topic" if off else "",
             apart if abs(lead) > self.session.parameters.pairing.max_gap else "",
-            f"{full:.0f} % of pairing.queue wait for the other topic" if full >= 100.0 * WORTH_A_WARNING else "",
+            f"{full:.0f} % of pairing.queue wait for the other topic"
+            if full >= 100.0 * WORTH_A_WARNING
+            else "",
         )
         self.warn("pairing", text, LOG_PERIOD)
         return "pairing", values, (ERROR, text) if lost else warned(text)
@@ -199,9 +257,15 @@ class Health:
         for (level, status), number in session.counts.items():
             named[f"{self._what} {self._levels(level).name}"] += number
             named.update({f"status {bit.name}": number for bit in Status if status & bit})
-        values |= {name: str(number) for name, number in named.items()} | {"lag max [ms]": f"{lag:.1f}"}
+        values |= {name: str(number) for name, number in named.items()} | {
+            "lag max [ms]": f"{lag:.1f}"
+        }
         missed, doubts = self.more("missed", session.missed), self.doubts()
-        behind = f"the node is behind by up to {lag:.0f} ms" if lag > 1e3 * session.parameters.deadline else ""
+        behind = (
+            f"the node is behind by up to {lag:.0f} ms"
+            if lag > 1e3 * session.parameters.deadline
+            else ""
+        )
         self.warn("behind", behind, LOG_PERIOD)
         self.warn("doubts", "; ".join(doubts))
         late = f"{missed} answers came later than the deadline" if missed else ""
@@ -236,13 +300,22 @@ class ContactHealth(Health):
             flexion = {name: f"{math.degrees(bound):.1f}" for name, bound in bounds}
         if self._contacts.varies:
             split = self._contacts.split
-            values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
+            values |= {
+                "share of the axial load": split.text,
+                "above 1": str(split.above),
+                "below 0": str(split.below),
+            }
             problem = problem or split.problem
-        deviation = self._contacts.parameters.diagnostics.load_deviation * self._contacts.parameters.body_weight
+        deviation = (
+            self._contacts.parameters.diagnostics.load_deviation
+            * self._contacts.parameters.body_weight
+        )
         for compartment in self._contacts.compartments if deviation and doubts.ticks else ():
             (found,) = compartment.model.uncertainty(compartment.row, deviation)
             values[f"{compartment.topic}: force +- [N]"] = f"{found['contact_force']:.1f}"
-            values[f"{compartment.topic}: depth +- [mm]"] = f"{1e3 * found['penetration_depth']:.4f}"
+            values[f"{compartment.topic}: depth +- [mm]"] = (
+                f"{1e3 * found['penetration_depth']:.4f}"
+            )
         self.warn("load", problem)
         self.warn("flexion", angle)
         return [("load", values, warned(problem)), ("flexion", flexion, warned(angle))]

@@ -18,10 +18,24 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.diagnostics import ERROR, LOG_PERIOD, STALE, WARN, Problem, at_most_every, first_of
+from knee_contact_ros.node.diagnostics import (
+    ERROR,
+    LOG_PERIOD,
+    STALE,
+    WARN,
+    Problem,
+    at_most_every,
+    first_of,
+)
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import ANY, Convert
-from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transform, isb_transform
+from knee_contact_ros.streams.frames import (
+    TF_STATIC,
+    ForceFrame,
+    decode_transforms,
+    encode_transform,
+    isb_transform,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import installed_share
 from knee_contact_ros.system.ros import resolved
@@ -58,7 +72,11 @@ class InputMeter:
     """Counts the messages of one input stream, and judges its rate and its pauses."""
 
     def __init__(
-        self, warn_rate: float = 0.0, error_rate: float = 0.0, max_gap: float = math.inf, timeout: float = math.inf
+        self,
+        warn_rate: float = 0.0,
+        error_rate: float = 0.0,
+        max_gap: float = math.inf,
+        timeout: float = math.inf,
     ) -> None:
         """Begin to measure.
 
@@ -68,7 +86,12 @@ class InputMeter:
             max_gap: Silence [s] from which a warning is reported.
             timeout: Silence [s] from which the stream is reported as stale.
         """
-        self.warn_rate, self.error_rate, self.max_gap, self.timeout = warn_rate, error_rate, max_gap, timeout
+        self.warn_rate, self.error_rate, self.max_gap, self.timeout = (
+            warn_rate,
+            error_rate,
+            max_gap,
+            timeout,
+        )
         self.received = 0
         """Number of messages that have come"""
         self.begin()
@@ -77,7 +100,9 @@ class InputMeter:
         """Start to measure; the time before counts neither for the rate nor as silence."""
         self.last = self._reported = time.monotonic()
         self._pauses: list[float] = []  # [s] before each message since the last report
-        self._ages: list[float] = []  # [s] from their stamps to their arrivals, by the system's clock
+        self._ages: list[
+            float
+        ] = []  # [s] from their stamps to their arrivals, by the system's clock
 
     def count(self, stamp: int | None) -> None:
         """Count a message that has come now, with its stamp [ns] if it has one."""
@@ -103,8 +128,16 @@ class InputMeter:
             (not self.received, STALE, "nothing received yet"),
             (age > self.timeout, STALE, f"timeout: silent for {age:.1f} s"),
             (age > self.max_gap, WARN, f"silent for {age:.1f} s"),
-            (known and rate < self.error_rate, ERROR, f"rate low: {rate:.1f} Hz, below {self.error_rate:g} Hz"),
-            (known and rate < self.warn_rate, WARN, f"rate low: {rate:.1f} Hz, below {self.warn_rate:g} Hz"),
+            (
+                known and rate < self.error_rate,
+                ERROR,
+                f"rate low: {rate:.1f} Hz, below {self.error_rate:g} Hz",
+            ),
+            (
+                known and rate < self.warn_rate,
+                WARN,
+                f"rate low: {rate:.1f} Hz, below {self.warn_rate:g} Hz",
+            ),
         )
 
 
@@ -119,10 +152,16 @@ class Input:
     """
 
     def __init__(
-        self, node: LifecycleNode, topic: str, on_data: Callable[[bytes], int | None], meter: InputMeter,
-        message_type: Any = None, qos_given: Collection[str] = (), convert: Convert | None = None,
+        self,
+        node: LifecycleNode,
+        topic: str,
+        on_data: Callable[[bytes], int | None],
+        meter: InputMeter,
+        message_type: Any = None,
+        qos_given: Collection[str] = (),
+        convert: Convert | None = None,
         handed: HandOver | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Prepare a subscription: `on_data` gets the bytes of a message and returns its stamp, `meter` counts it.
 
         `qos_given` has the names of the QoS overrides that the user has given; `convert` turns messages of other types
@@ -131,10 +170,17 @@ class Input:
         self.topic, self.meter, self.handed = topic, meter, handed
         self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
         self._subscriptions: dict[str, Any] = {}  # by topic
-        self._best_effort, self._unheard = set[str](), set[str]()  # topics; the latter with a publisher we do not hear
+        self._best_effort, self._unheard = (
+            set[str](),
+            set[str](),
+        )  # topics; the latter with a publisher we do not hear
         self._matches = ANY in topic
         self._due = math.inf  # when to look for topics that match
-        given = "" if self._matches else f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
+        given = (
+            ""
+            if self._matches
+            else f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
+        )
         self._decided_by_user = given in qos_given
 
     def open(self) -> None:
@@ -148,18 +194,28 @@ class Input:
 
     def _subscribe(self, topic: str) -> None:
         best_effort = topic in self._best_effort
-        left = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH]  # to the user; nobody knows names that match before
-        if not best_effort or self._decided_by_user:  # once declared, the reliability would stay as it was at first
+        left = [
+            QoSPolicyKind.HISTORY,
+            QoSPolicyKind.DEPTH,
+        ]  # to the user; nobody knows names that match before
+        if (
+            not best_effort or self._decided_by_user
+        ):  # once declared, the reliability would stay as it was at first
             left.append(QoSPolicyKind.RELIABILITY)
         self._subscriptions[topic] = self._node.create_subscription(
             self._type,
             topic,
             self._on_other_message if self._convert else self._on_message,
             QoSProfile(
-                depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+                depth=DEPTH,
+                reliability=ReliabilityPolicy.BEST_EFFORT
+                if best_effort
+                else ReliabilityPolicy.RELIABLE,
             ),
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible_qos, topic)),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=partial(self._on_incompatible_qos, topic)
+            ),
             qos_overriding_options=QoSOverridingOptions([] if self._matches else left),
         )
 
@@ -180,13 +236,19 @@ class Input:
         """Reliabilities of the subscriptions; empty if there are none."""
         if self.handed:
             return "handed over"
-        found = {each.qos_profile.reliability.name.lower() for each in self._subscriptions.values()}
+        found = {
+            each.qos_profile.reliability.name.lower() for each in self._subscriptions.values()
+        }
         return ", ".join(sorted(found))
 
     @property
     def publishers(self) -> int:
         """Number of publishers that are heard."""
-        return 1 if self.handed else sum(each.get_publisher_count() for each in self._subscriptions.values())
+        return (
+            1
+            if self.handed
+            else sum(each.get_publisher_count() for each in self._subscriptions.values())
+        )
 
     def adapt(self) -> None:
         """Subscribe as best effort if a publisher could not be received; look for topics once a second.
@@ -202,7 +264,9 @@ class Input:
             self._best_effort.add(topic)
             self._leave(topic)
             self._subscribe(topic)
-            self._node.get_logger().info(f"a publisher of {name} is best effort; the node listens in the same way")
+            self._node.get_logger().info(
+                f"a publisher of {name} is best effort; the node listens in the same way"
+            )
         self._unheard.clear()
         if time.monotonic() >= self._due:
             self._due = time.monotonic() + LOOK_PERIOD
@@ -249,7 +313,9 @@ def message_class(source: Source, by: str) -> type:
             f"parameter {by}: {source.topic!r} needs the ROS 2 package {package}, which is not installed"
         ) from None
     except AttributeError:
-        raise UsageError(f"parameter {by}: the ROS 2 package {package} has no message {name}") from None
+        raise UsageError(
+            f"parameter {by}: the ROS 2 package {package} has no message {name}"
+        ) from None
     return found
 
 
@@ -267,15 +333,25 @@ def installed_types(source: Source, by: str) -> Typestore:
         package, _, message = name.split("/")
         share = installed_share(package)
         if share is None:
-            raise UsageError(f"parameter {by}: {name} needs the ROS 2 package {package}, which is not installed")
+            raise UsageError(
+                f"parameter {by}: {name} needs the ROS 2 package {package}, which is not installed"
+            )
         try:
-            store.register(get_types_from_msg((share / "msg" / f"{message}.msg").read_text(encoding="utf-8"), name))
+            store.register(
+                get_types_from_msg(
+                    (share / "msg" / f"{message}.msg").read_text(encoding="utf-8"), name
+                )
+            )
         except Exception as error:  # a definition by somebody else
             reason = " ".join(str(error).split())
-            raise UsageError(f"parameter {by}: the definition of {name} cannot be read: {reason}") from None
+            raise UsageError(
+                f"parameter {by}: the definition of {name} cannot be read: {reason}"
+            ) from None
         fields: Any = store.fielddefs[name][1]
         for _, (kind, detail) in fields:
-            inner, of = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
+            inner, of = (
+                detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
+            )
             wanted += [of] if inner is Nodetype.NAME else []
     return store
 
@@ -310,7 +386,9 @@ class StaticTransformTopic:
         if own:
             self._publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
             self._publisher.publish(encode_transform(own, node.get_clock().now().nanoseconds))
-        self._subscription = node.create_subscription(TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True)
+        self._subscription = node.create_subscription(
+            TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True
+        )
 
     def close(self) -> None:
         """Close publisher and subscription."""

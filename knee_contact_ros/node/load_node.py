@@ -33,11 +33,23 @@ from knee_contact_ros.streams.topics import (
     LOAD_RECORDED,
 )
 
-LIVE = frozenset({
-    "person.mass", "person.height", "person.moment_arm_scale", "person.co_contraction", "person.tone",
-    "person.electromechanical_delay", "calibrated", "standard_deviation", "deadline", "record.path", "knee.offset",
-    "hip.offset", "ankle.offset",
-})  # fmt: skip
+LIVE = frozenset(
+    {
+        "person.mass",
+        "person.height",
+        "person.moment_arm_scale",
+        "person.co_contraction",
+        "person.tone",
+        "person.electromechanical_delay",
+        "calibrated",
+        "standard_deviation",
+        "deadline",
+        "record.path",
+        "knee.offset",
+        "hip.offset",
+        "ankle.offset",
+    }
+)
 """Parameters that may change while the node is configured: numbers of the person, and the next recording's name"""
 
 
@@ -76,11 +88,16 @@ class LoadSession(Session):
                 LOAD_ESTIMATE: (LoadEstimate, OUTPUT_DEPTH),
             }
         )
-        self._reaction, self._estimate = self._publishers[JOINT_REACTION_FORCE], self._publishers[LOAD_ESTIMATE]
+        self._reaction, self._estimate = (
+            self._publishers[JOINT_REACTION_FORCE],
+            self._publishers[LOAD_ESTIMATE],
+        )
         self._takers = takers or HandedInputs(HandOver(), HandOver())
         self._takers.angles.source = parameters.inputs()[0]
         self._open()
-        trust = "calibrated" if parameters.calibrated else "not calibrated: do not gate anything by it"
+        trust = (
+            "calibrated" if parameters.calibrated else "not calibrated: do not gate anything by it"
+        )
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
 
     def _described(self, parameters: LoadParameters) -> Knee:
@@ -122,7 +139,10 @@ def load_and_contact() -> tuple[NodeKind, NodeKind]:
 
     Sending a message over a topic takes longer than estimate and contact together. All topics are still published.
     """
-    from knee_contact_ros.node.contact_node import CONTACT_NODE, ContactSession  # which a load node alone does not need
+    from knee_contact_ros.node.contact_node import (
+        CONTACT_NODE,
+        ContactSession,
+    )  # which a load node alone does not need
 
     handed = HandedInputs(HandOver(), HandOver())
     return (

@@ -51,7 +51,9 @@ class ManagedNode(LifecycleNode):
         """
         self._qos = set[str]()  # names of the QoS overrides that topics have asked for
         super().__init__(
-            kind.schema.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
+            kind.schema.node,
+            allow_undeclared_parameters=True,
+            automatically_declare_parameters_from_overrides=True,
         )
         self.node_parameters = NodeParameters(self, kind)
         self.kind = kind
@@ -70,12 +72,19 @@ class ManagedNode(LifecycleNode):
         """
         if name.startswith(PREFIX):
             self._qos.add(name)
-            value, kind = self.get_parameter_or(name).value, f"{name.rpartition('.')[2].title()}Policy"
-            words = getattr(qos, kind, qos.QoSPolicyEnum).__members__.keys() - {"UNKNOWN"}  # none for the depth
+            value, kind = (
+                self.get_parameter_or(name).value,
+                f"{name.rpartition('.')[2].title()}Policy",
+            )
+            words = getattr(qos, kind, qos.QoSPolicyEnum).__members__.keys() - {
+                "UNKNOWN"
+            }  # none for the depth
             fits = str(value).upper() in words if words else type(value) is int and value >= 0
             if not fits and value is not None:
                 allowed = ", ".join(sorted(words)).lower() or "a whole number"
-                raise UsageError(f"parameter {name}: {value!r} is not allowed; it must be {allowed}")
+                raise UsageError(
+                    f"parameter {name}: {value!r} is not allowed; it must be {allowed}"
+                )
         return super().declare_parameter(name, *details, **named)
 
     def _answering(self, callback: ServiceCallback, name: str) -> ServiceCallback:
@@ -98,7 +107,9 @@ class ManagedNode(LifecycleNode):
             KeyboardInterrupt: a signal to stop came while the process compiled.
         """
         try:
-            self.session = self.kind.session(self, self.node_parameters.read(), given_by_user(self))
+            self.session = self.kind.session(
+                self, self.node_parameters.read(), given_by_user(self)
+            )
             with self._stop.interrupting():
                 self.session.outputs.wait_until_known()
             self.session.make_ready(self._stop.interrupting)
@@ -126,10 +137,16 @@ class ManagedNode(LifecycleNode):
             try:
                 self.session.start()
             except Exception as error:  # rclpy has many kinds
-                self.get_logger().error(f"cannot listen: {' '.join(str(error).split()) or repr(error)}")
+                self.get_logger().error(
+                    f"cannot listen: {' '.join(str(error).split()) or repr(error)}"
+                )
                 return TransitionCallbackReturn.ERROR
             known, given = sorted(self._qos), sorted(given_by_user(self))
-            if unused := [f"{name} has no effect: {meant(name, known)}" for name in given if name not in known]:
+            if unused := [
+                f"{name} has no effect: {meant(name, known)}"
+                for name in given
+                if name not in known
+            ]:
                 self.get_logger().warning(in_a_line(unused), once=True)
             topics = " and ".join(resolved(self, stream.topic) for stream in self.session.inputs)
             self.get_logger().info(f"active, listening to {topics}")
@@ -165,8 +182,12 @@ class ManagedNode(LifecycleNode):
             session.stop()
             self.complete &= session.close()
             session.destroy_endpoints()
-            self.get_logger().info(f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused")
-            if unanswered := unanswered_sentence(session.pipeline, session.inputs[1].meter.received):
+            self.get_logger().info(
+                f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused"
+            )
+            if unanswered := unanswered_sentence(
+                session.pipeline, session.inputs[1].meter.received
+            ):
                 self.get_logger().warning(unanswered)
 
 
@@ -180,17 +201,25 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         UsageError: a parameter is unknown or not allowed, an output file cannot be written, or the ROS graph cannot be
             joined.
     """
-    if arguments and arguments[0] != ROS_ARGUMENTS:  # ROS would ignore them, and the node run without them
-        raise UsageError(f"{arguments[0]}: the node takes ROS arguments only, after {ROS_ARGUMENTS}")
+    if (
+        arguments and arguments[0] != ROS_ARGUMENTS
+    ):  # ROS would ignore them, and the node run without them
+        raise UsageError(
+            f"{arguments[0]}: the node takes ROS arguments only, after {ROS_ARGUMENTS}"
+        )
     flagged = pairwise(["", *arguments])  # ROS knows no short names
-    arguments = [str(parameter_file(word)) if flag == "--params-file" else word for flag, word in flagged]
+    arguments = [
+        str(parameter_file(word)) if flag == "--params-file" else word for flag, word in flagged
+    ]
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
             for kind in kinds:
                 with of_node(kind, kinds):
                     check_file(Path(path), kind.schema)
     try:
-        rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO
+        )
     except RuntimeError as error:  # rclpy's own errors derive from it
         raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
     except UnicodeEncodeError as error:  # bytes that are no text
@@ -219,7 +248,9 @@ def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
     try:
         yield
     except UsageError as error:
-        raise UsageError(f"{kind.schema.node}: {error}" if len(kinds) > 1 else str(error)) from None
+        raise UsageError(
+            f"{kind.schema.node}: {error}" if len(kinds) > 1 else str(error)
+        ) from None
 
 
 def finish(nodes: Sequence[ManagedNode]) -> None:
@@ -241,7 +272,9 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
         names = giver.get_fully_qualified_name(), taker.get_fully_qualified_name()
         if names[0] == names[1]:
             own = giver.kind.schema.node
-            raise UsageError(f"two nodes would have the name {names[0]}; rename one of them, as -r {own}:__node:=NAME")
+            raise UsageError(
+                f"two nodes would have the name {names[0]}; rename one of them, as -r {own}:__node:=NAME"
+            )
         for topic in INPUTS:
             given, taken = giver.resolve_topic_name(topic), taker.resolve_topic_name(topic)
             if given != taken:
@@ -262,7 +295,11 @@ def check_targets(arguments: Sequence[str], nodes: Sequence[str]) -> None:
         if flag == "--params-file":
             check_used(read_sections(Path(word)), word, nodes)
         elif flag in ("-p", "--param") and colon:
-            meant = [f"; in a namespace, use a file with {node}" for node in nodes if node.endswith(f"/{target}")]
+            meant = [
+                f"; in a namespace, use a file with {node}"
+                for node in nodes
+                if node.endswith(f"/{target}")
+            ]
             check_used([target], f"{flag} {word}", nodes, "".join(meant))
 
 
@@ -290,7 +327,14 @@ def start(nodes: Sequence[ManagedNode]) -> None:
                 raise UsageError("the node could not be activated; its log says why")
 
 
-MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGPIPE)
+MEANINGLESS = (
+    signal.SIGUSR1,
+    signal.SIGUSR2,
+    signal.SIGALRM,
+    signal.SIGVTALRM,
+    signal.SIGPROF,
+    signal.SIGPIPE,
+)
 """Signals without a meaning for a node, which would end a process that does not handle them"""
 
 
@@ -304,7 +348,10 @@ class Stop:
         self.requested = False
         self._interrupts = False
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if (number, signal.getsignal(number)) != (signal.SIGHUP, signal.SIG_IGN):  # as nohup has it
+            if (number, signal.getsignal(number)) != (
+                signal.SIGHUP,
+                signal.SIG_IGN,
+            ):  # as nohup has it
                 signal.signal(number, self._on_signal)
         for number in MEANINGLESS:
             signal.signal(number, signal.SIG_IGN)
@@ -323,5 +370,7 @@ class Stop:
     def _on_signal(self, _number: int, _frame: object) -> None:
         self.requested = True
         if self._interrupts:
-            self._interrupts = False  # another one must not interrupt the cleaning up after this one
+            self._interrupts = (
+                False  # another one must not interrupt the cleaning up after this one
+            )
             raise KeyboardInterrupt

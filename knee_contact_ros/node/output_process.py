@@ -42,7 +42,9 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
     try:
         output = import_module(module).open_output(*arguments)
         report(OPEN)
-        flush_at = look_at = 0.0  # monotonic times [s]; what opening has written is flushed at once
+        flush_at = look_at = (
+            0.0  # monotonic times [s]; what opening has written is flushed at once
+        )
         sent: Any = ()
         unflushed = True
         while not isinstance(sent, Ending | None):
@@ -66,7 +68,10 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
     except UsageError as error:
         report(REFUSED, str(error))
     except Exception as error:  # whatever it is, the node must know
-        report(FAILED, (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}")
+        report(
+            FAILED,
+            (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}",
+        )
         return False
     return True
 
@@ -94,7 +99,9 @@ def step_back(niceness: int) -> None:
         os.nice(niceness)
     if call := SET_ATTRIBUTES.get(platform.machine()):
         own = os.getpriority(os.PRIO_PROCESS, 0)
-        ctypes.CDLL(None).syscall(call, 0, pack("IIQiIQQQ", 48, os.SCHED_BATCH, 0, own, 0, SLICE, 0, 0), 0)
+        ctypes.CDLL(None).syscall(
+            call, 0, pack("IIQiIQQQ", 48, os.SCHED_BATCH, 0, own, 0, SLICE, 0, 0), 0
+        )
 
 
 def main() -> None:
@@ -105,7 +112,9 @@ def main() -> None:
         asked = received(connection)
         well = not asked or work(connection, *asked)
     if not well:
-        os._exit(1)  # libraries that try once more to write what could not be written would only be in the way
+        os._exit(
+            1
+        )  # libraries that try once more to write what could not be written would only be in the way
 
 
 if __name__ == "__main__":

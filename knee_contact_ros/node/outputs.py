@@ -23,7 +23,17 @@ from typing import Any
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
 from knee_contact_ros.bags.recorder import refuse
-from knee_contact_ros.streams.output import ENDED, FAILED, OPEN, REFUSED, STARTING, Knee, Note, Report, Sink
+from knee_contact_ros.streams.output import (
+    ENDED,
+    FAILED,
+    OPEN,
+    REFUSED,
+    STARTING,
+    Knee,
+    Note,
+    Report,
+    Sink,
+)
 from knee_contact_ros.streams.topics import NANOSECONDS, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names
@@ -67,7 +77,9 @@ class SinkProcess:
         self._sink, self._log = sink, log
         self._waiting: deque[Any] = deque()
         self._put_size = self._sent_size = 0  # [B]; each is written by one thread
-        self._refused = self._lost = 0  # answers that found no room, and that waited when the output stopped
+        self._refused = self._lost = (
+            0  # answers that found no room, and that waited when the output stopped
+        )
         self._closed = False  # the last item is in the queue
         self._last = Report("", 0)
         self._wake, self._known = threading.Event(), threading.Event()
@@ -94,10 +106,18 @@ class SinkProcess:
     def report(self) -> tuple[dict[str, str], str, bool]:
         """Values for `/diagnostics`, what is wrong (empty if nothing is), and whether answers are lost by that."""
         fill, process = self._fill(), str(self.process.pid) if self.process else "none"
-        values = {"backlog": str(len(self._waiting)), "full [%]": f"{100.0 * fill:.0f}", "dropped": str(self.dropped)}
+        values = {
+            "backlog": str(len(self._waiting)),
+            "full [%]": f"{100.0 * fill:.0f}",
+            "dropped": str(self.dropped),
+        }
         values |= {"written": str(self._last.written), "process": process}
         wrong = self.failure or (f"{self.label}: {self._too_many()}" if self.dropped else "")
-        late = f"{self.label} is behind: {100.0 * fill:.0f} % of its queue is full" if fill >= WORTH_A_WARNING else ""
+        late = (
+            f"{self.label} is behind: {100.0 * fill:.0f} % of its queue is full"
+            if fill >= WORTH_A_WARNING
+            else ""
+        )
         return values, wrong or late, bool(wrong)
 
     def is_over(self) -> bool:
@@ -125,9 +145,14 @@ class SinkProcess:
         self._thread.join(max(deadline - time.monotonic(), 0.0))
         if self.is_over():
             if self.dropped:
-                self._log.warning(f"{self.label}: {self.dropped} answers in all were not handed to it")
+                self._log.warning(
+                    f"{self.label}: {self.dropped} answers in all were not handed to it"
+                )
             return self._sink.gaps_allowed or (self.state == ENDED and not self.dropped)
-        unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'}) goes on"
+        unsent, process = (
+            self._unsent(),
+            f"its process ({self.process.pid if self.process else 'none yet'}) goes on",
+        )
         left = f"{unsent} answers have not been handed to it"
         self._fail(f"{self.label} is not complete yet, and is not waited for: {process}; {left}")
         return not unsent
@@ -139,7 +164,12 @@ class SinkProcess:
     def _fill(self) -> float:
         """Fill of the queue: 1 when it is full."""
         size = self._put_size - self._sent_size
-        return float(max(len(self._waiting) / self._sink.limits.queue, size / (MB * self._sink.limits.queue_size)))
+        return float(
+            max(
+                len(self._waiting) / self._sink.limits.queue,
+                size / (MB * self._sink.limits.queue_size),
+            )
+        )
 
     def _too_many(self) -> str:
         """Message for a queue that was full."""
@@ -155,22 +185,34 @@ class SinkProcess:
             with connection:
                 try:
                     reason = self._feed(connection)
-                except (EOFError, ConnectionError):  # the process has ended; what it said before is still to be heard
+                except (
+                    EOFError,
+                    ConnectionError,
+                ):  # the process has ended; what it said before is still to be heard
                     with suppress(EOFError, OSError):
                         while True:
                             self._hear(connection.recv())
             code = reap(self.process)
             if not reason and self._last.state != ENDED:
-                ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+                ended = (
+                    f"was ended by {signal.Signals(-code).name}"
+                    if code < 0
+                    else f"ended with code {code}"
+                )
                 reason = self._last.reason or f"its process {ended}"
         except Exception as error:  # whatever it is, the node must compute on
             reason = f"{type(error).__name__}: {error}"
-        what, self.state = "stopped" if self.state == OPEN else "cannot be opened", FAILED if reason else ENDED
+        what, self.state = (
+            "stopped" if self.state == OPEN else "cannot be opened",
+            FAILED if reason else ENDED,
+        )
         self._lost, self._sent_size = self._unsent(), self._put_size
         self._waiting.clear()
         if reason:
             told = reason if self._last.state == REFUSED else f"{self.label} {what}: {reason}"
-            self._fail(told + (f"; {self._lost} answers were not handed to it" if self._lost else ""))
+            self._fail(
+                told + (f"; {self._lost} answers were not handed to it" if self._lost else "")
+            )
         self._known.set()
 
     def _feed(self, connection: Connection) -> str:
@@ -180,7 +222,9 @@ class SinkProcess:
         writable.register(connection.fileno(), select.POLLOUT)
         connection.send((self._sink.module, self._sink.arguments))
         while True:
-            self._wake.wait(self._sink.gather if self.state == OPEN and not self._closed else LATEST)
+            self._wake.wait(
+                self._sink.gather if self.state == OPEN and not self._closed else LATEST
+            )
             self._wake.clear()
             while readable.poll(0):
                 self._hear(connection.recv())
@@ -202,7 +246,9 @@ class SinkProcess:
                 items.append(waiting.popleft())
             sent = [getattr(item, self._sink.part) for item in items]
         self._sent_size += sum(map(size_of, items))
-        connection.send_bytes(pickle.dumps(sent, pickle.HIGHEST_PROTOCOL))  # takes half the time of `send`
+        connection.send_bytes(
+            pickle.dumps(sent, pickle.HIGHEST_PROTOCOL)
+        )  # takes half the time of `send`
         return len(items)
 
     def _hear(self, report: Report) -> None:
@@ -254,21 +300,28 @@ class Ring:
         if isinstance(item, Answer):
             before, self._last = self._last, item.records[-1][1]
             self._now += max(self._last - before, 0)
-        elif item.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in item.values):
+        elif item.name == PARAMETERS_CHANGED and any(
+            not name.startswith(("record.", TICK)) for name in item.values
+        ):
             items.clear()
             self._size = 0
         items.append((self._now, item))
         self._size += size_of(item)
         oldest = self._now - self._duration
         while items and (
-            len(items) > self._most or self._size > self._room or isinstance(items[0][1], Note) or items[0][0] <= oldest
+            len(items) > self._most
+            or self._size > self._room
+            or isinstance(items[0][1], Note)
+            or items[0][0] <= oldest
         ):
             self._size -= size_of(items.popleft()[1])
 
     def taken(self) -> tuple[list[Answer | Note], float]:
         """The kept items, oldest first, and the time [s] from the first answer to the last."""
         times = [at for at, item in self._items if isinstance(item, Answer)]
-        return [item for _, item in self._items], (times[-1] - times[0]) / NANOSECONDS if times else 0.0
+        return [item for _, item in self._items], (
+            times[-1] - times[0]
+        ) / NANOSECONDS if times else 0.0
 
 
 class Outputs:
@@ -291,7 +344,9 @@ class Outputs:
         self.sinks: dict[str, SinkProcess] = {}
         """Outputs by their titles"""
         fields = type(knee.parameters).model_fields.items()
-        described = [sink_of(name, knee) for name, field in fields if hasattr(field.annotation, "output")]
+        described = [
+            sink_of(name, knee) for name, field in fields if hasattr(field.annotation, "output")
+        ]
         for sink in filter(None, described):  # started when all are possible
             self.sinks[sink.title] = SinkProcess(sink, log)
 
@@ -329,7 +384,9 @@ class Outputs:
         Raises:
             UsageError: as for `start_recording`.
         """
-        recording = self._recording(knee, sum(item.size for item in items if isinstance(item, Answer)))
+        recording = self._recording(
+            knee, sum(item.size for item in items if isinstance(item, Answer))
+        )
         for item in items:
             recording.put(item)
         recording.end(Ending((), {}))
@@ -339,10 +396,14 @@ class Outputs:
         """Begin a recording that will have at least this size [B]."""
         path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if sink.state != ENDED]
-        if starting := [sink.name for sink in self._ending if sink.state == STARTING and not sink.failure]:
+        if starting := [
+            sink.name for sink in self._ending if sink.state == STARTING and not sink.failure
+        ]:
             raise UsageError(f"{starting[0]} is not open yet; try again")
         if (number := sum(not sink.is_over() for sink in self._ending)) >= MOST_ENDING:
-            raise UsageError(f"{number} recordings are still being completed; try again when one is complete")
+            raise UsageError(
+                f"{number} recordings are still being completed; try again when one is complete"
+            )
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink = sink_of("record", knee)
         assert sink  # noqa: S101  (there is a path)

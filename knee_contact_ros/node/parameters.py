@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -36,10 +41,16 @@ PREFIX = "qos_overrides."
 
 def described(name: str, declaration: Declaration) -> ParameterDescriptor:
     """Descriptor of a parameter for ROS 2 tools: its meaning, and its range or allowed values."""
-    descriptor = ParameterDescriptor(name=name, description=declaration.description, dynamic_typing=True)
-    descriptor.additional_constraints = f"allowed: {declaration.words}" if declaration.words else ""
+    descriptor = ParameterDescriptor(
+        name=name, description=declaration.description, dynamic_typing=True
+    )
+    descriptor.additional_constraints = (
+        f"allowed: {declaration.words}" if declaration.words else ""
+    )
     if isinstance(declaration.default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=declaration.least, to_value=declaration.most)]
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=declaration.least, to_value=declaration.most)
+        ]
     elif type(declaration.default) is int:
         most = int(min(declaration.most, LARGEST_INTEGER))
         descriptor.integer_range = [IntegerRange(from_value=int(declaration.least), to_value=most)]
@@ -78,7 +89,10 @@ class NodeParameters:
         return load_parameters(self._values(), self._kind.schema)
 
     def _values(self) -> dict[str, Any]:
-        return {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix("").items()}
+        return {
+            name: parameter.value
+            for name, parameter in self._node.get_parameters_by_prefix("").items()
+        }
 
     def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
         self._before = self._values()
@@ -89,17 +103,23 @@ class NodeParameters:
                     raise UsageError(
                         f"parameter {name} cannot change while the node is configured, only after a cleanup"
                     )
-            parameters = load_parameters(self._before | {each.name: each.value for each in changes}, self._kind.schema)
+            parameters = load_parameters(
+                self._before | {each.name: each.value for each in changes}, self._kind.schema
+            )
             if self.user and new:
                 self.user.check(parameters)
         except Exception as error:  # whatever a part of the model has against it
-            return SetParametersResult(successful=False, reason=" ".join(str(error).split()) or type(error).__name__)
+            return SetParametersResult(
+                successful=False, reason=" ".join(str(error).split()) or type(error).__name__
+            )
         return SetParametersResult(successful=True, reason="")
 
     def _new(self, changes: Sequence[Parameter]) -> dict[str, Any]:
         """Values that differ from those before, by name; of a name that is given twice the last one counts."""
         last = {change.name: change.value for change in changes}
-        return {name: value for name, value in last.items() if not same(self._before.get(name), value)}
+        return {
+            name: value for name, value in last.items() if not same(self._before.get(name), value)
+        }
 
     def _is_fixed(self, name: str) -> bool:
         """Whether a parameter cannot change while the node is configured.
@@ -111,14 +131,18 @@ class NodeParameters:
         return name in self._known and name not in self._kind.live
 
     def _after_set(self, changes: Sequence[Parameter]) -> None:
-        ours = {name: value for name, value in self._new(changes).items() if name in self._kind.live}
+        ours = {
+            name: value for name, value in self._new(changes).items() if name in self._kind.live
+        }
         if self.user and ours:
             self.user.retune(self.read(), ours)
 
 
 def same(one: Any, other: Any) -> bool:
     """Whether two values of a parameter mean the same: 5000 and 5000.0 do, True and 1 do not."""
-    return isinstance(one, bool) == isinstance(other, bool) and (one == other or (one != one and other != other))  # noqa: PLR0124
+    return isinstance(one, bool) == isinstance(other, bool) and (
+        one == other or (one != one and other != other)  # noqa: PLR0124
+    )
 
 
 def given_by_user(node: Node) -> frozenset[str]:

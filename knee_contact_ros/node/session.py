@@ -18,7 +18,13 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, TICKS_BEFORE, change_record
+from knee_contact_ros.bags.provenance import (
+    PARAMETERS_CHANGED,
+    RESET,
+    TICK,
+    TICKS_BEFORE,
+    change_record,
+)
 from knee_contact_ros.node.diagnostics import LOG_PERIOD, STEADY, Health, at_most_every
 from knee_contact_ros.node.inputs import (
     HandedInputs,
@@ -87,16 +93,26 @@ class Session(ABC):
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
         """Prepare slow parts, such as the compiled model; signals may interrupt this within `interrupting`."""
 
-    def _input_streams(self, qos_given: Collection[str], handed: HandedInputs | None = None) -> Inputs:
+    def _input_streams(
+        self, qos_given: Collection[str], handed: HandedInputs | None = None
+    ) -> Inputs:
         """Streams of angles and of forces, from their topics or from another node in this process (`handed`).
 
         Raises:
             UsageError: a type that the parameters name is not installed, or lacks a field.
         """
-        limits, max_gap, by = self.parameters.diagnostics, self.parameters.pairing.max_gap, self.parameters.force_source
+        limits, max_gap, by = (
+            self.parameters.diagnostics,
+            self.parameters.pairing.max_gap,
+            self.parameters.force_source,
+        )
         angles, forces = self.parameters.inputs()
-        angle_meter = InputMeter(limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout)
-        force_meter = InputMeter(limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout)
+        angle_meter = InputMeter(
+            limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout
+        )
+        force_meter = InputMeter(
+            limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout
+        )
         convert_angle, convert_force = converters(self.parameters, installed_types)
         first = self.node, angles.topic, self._on_joint_state, angle_meter
         second = self.node, forces.topic, self._on_force, force_meter
@@ -106,7 +122,9 @@ class Session(ABC):
         if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):
             angle_input = Input(*first, handed=handed.angles)
         else:
-            angle_input = Input(*first, message_class(angles, "knee.source"), qos_given, convert_angle)
+            angle_input = Input(
+                *first, message_class(angles, "knee.source"), qos_given, convert_angle
+            )
         if handed:
             return angle_input, Input(*second, handed=handed.forces)
         return angle_input, Input(*second, message_class(forces, by), qos_given, convert_force)
@@ -123,16 +141,26 @@ class Session(ABC):
                 topic: self.node.create_lifecycle_publisher(
                     message_type, topic, QoSProfile(depth=depth), qos_overriding_options=by_user
                 )
-                for topic, (message_type, depth) in {**topics, DIAGNOSTICS: (DiagnosticArray, OUTPUT_DEPTH)}.items()
+                for topic, (message_type, depth) in {
+                    **topics,
+                    DIAGNOSTICS: (DiagnosticArray, OUTPUT_DEPTH),
+                }.items()
             }
         except Exception as error:  # rclpy has many ways to say so
-            raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
+            raise UsageError(
+                f"a topic cannot be offered: {' '.join(str(error).split())}"
+            ) from None
 
     def _open(self) -> None:
         """Open the transforms, the services and the outputs; files come last, when everything else works."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
         try:
-            for act in (self._reset, self._start_recording, self._stop_recording, self._save_snapshot):
+            for act in (
+                self._reset,
+                self._start_recording,
+                self._stop_recording,
+                self._save_snapshot,
+            ):
                 self._services.append(self._service(act.__name__.removeprefix("_"), act))
             self.outputs = Outputs(self._knee(), self.node.get_logger())
         except BaseException:
@@ -153,7 +181,10 @@ class Session(ABC):
             stream.meter.begin()
             stream.open()
         self._lag, self._timer_came = 0.0, time.monotonic()
-        self._timers = [self.node.create_timer(period, act, clock=STEADY) for period, act in self._regular_acts()]
+        self._timers = [
+            self.node.create_timer(period, act, clock=STEADY)
+            for period, act in self._regular_acts()
+        ]
 
     @property
     def _wait_period(self) -> float:
@@ -239,7 +270,9 @@ class Session(ABC):
                 response.success, response.message = True, act()
             except UsageError as error:
                 response.success, response.message = False, str(error)
-            except Exception as error:  # whatever it is, the caller must know, and the node runs on
+            except (
+                Exception
+            ) as error:  # whatever it is, the caller must know, and the node runs on
                 response.success, response.message = False, f"{type(error).__name__}: {error}"
                 self.node.get_logger().error(f"~/{name}: {response.message}")
             return response
@@ -283,7 +316,11 @@ class Session(ABC):
     def _knee(self) -> Knee:
         """Description for outputs that begin now, with the time in the names of their files."""
         sections = {name: getattr(self.parameters, name, None) for name in ("record", "rerun")}
-        update = {name: part.model_copy(update={"path": stamped(part.path)}) for name, part in sections.items() if part}
+        update = {
+            name: part.model_copy(update={"path": stamped(part.path)})
+            for name, part in sections.items()
+            if part
+        }
         return self._described(self.parameters.model_copy(update=update))
 
     def _on_wait_timer(self) -> None:

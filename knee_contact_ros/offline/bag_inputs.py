@@ -29,10 +29,15 @@ READ_AHEAD = 256
 
 def as_recorded(parameters: Any) -> Any:
     """Parameters with the usual inputs, which a recording of a node has instead of the node's sources."""
-    section, topics = parameters.force_source.split(".")[0], [JOINT_STATES, parameters.usual_forces]
+    section, topics = (
+        parameters.force_source.split(".")[0],
+        [JOINT_STATES, parameters.usual_forces],
+    )
     sections = {name: getattr(parameters, name) for name in ("knee", section)}
     pairs = zip(sections.items(), topics, strict=True)
-    return parameters.model_copy(update={n: part.model_copy(update={"source": topic}) for (n, part), topic in pairs})
+    return parameters.model_copy(
+        update={n: part.model_copy(update={"source": topic}) for (n, part), topic in pairs}
+    )
 
 
 class BagInputs:
@@ -55,9 +60,14 @@ class BagInputs:
         """Topic of the angles"""
         self._topics = [absolute(source.topic) for source in sources]
         namespace = names.get(NAMESPACE, "")
-        places = {topic: absolute(one.topic, namespace) for topic, one in zip(self._topics, sources, strict=True)}
+        places = {
+            topic: absolute(one.topic, namespace)
+            for topic, one in zip(self._topics, sources, strict=True)
+        }
         self.reader = BagReader(
-            bag, {t: s.type for t, s in zip(self._topics, sources, strict=True)}, {**places, **names}
+            bag,
+            {t: s.type for t, s in zip(self._topics, sources, strict=True)},
+            {**places, **names},
         )
         try:
             converters(parameters, self._types)
@@ -82,8 +92,13 @@ class BagInputs:
         for block in self.reader.blocks(topics, most=most):
             batch = block
             if self._topics[0] == self._topics[1]:  # a message has both
-                twice = replace(block.part(np.repeat(np.arange(len(block)), 2)), numbers=np.tile([0, 1], len(block)))
-                batch = twice if only is None else twice.part(np.flatnonzero(twice.numbers == only))
+                twice = replace(
+                    block.part(np.repeat(np.arange(len(block)), 2)),
+                    numbers=np.tile([0, 1], len(block)),
+                )
+                batch = (
+                    twice if only is None else twice.part(np.flatnonzero(twice.numbers == only))
+                )
             yield batch.converted(convert) if any(convert) else batch
 
     @property
@@ -94,14 +109,18 @@ class BagInputs:
     def publishers(self, number: int) -> str:
         """Channels of the angles (0) or forces (1), as words, if there are several; else empty."""
         channels = self.reader.channels(self._topics[number])
-        return f"channels {' and '.join(map(str, channels))} of the bag" if len(channels) > 1 else ""
+        return (
+            f"channels {' and '.join(map(str, channels))} of the bag" if len(channels) > 1 else ""
+        )
 
     def _types(self, source: Source, by: str) -> Typestore:
         try:
             return store_of(self.reader.definition(absolute(source.topic)), source.type)
         except Exception as error:  # whatever a foreign definition provokes
             reason = " ".join(str(error).split())
-            raise UsageError(f"bag {self.path}: parameter {by}: {source.type} is not defined in it: {reason}") from None
+            raise UsageError(
+                f"bag {self.path}: parameter {by}: {source.type} is not defined in it: {reason}"
+            ) from None
 
 
 def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:

@@ -16,7 +16,13 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.inputs import Inputs
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
-from knee_contact_ros.offline.solve import finish, nothing_computed, parameters_for, recorded, recording_of
+from knee_contact_ros.offline.solve import (
+    finish,
+    nothing_computed,
+    parameters_for,
+    recorded,
+    recording_of,
+)
 from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
@@ -62,7 +68,9 @@ class LoadSummary(NamedTuple):
     @property
     def flagged(self) -> Counter[str]:
         """Number of estimates by the name of a status bit that they have."""
-        counts = {bit.name or "": int(np.count_nonzero(self.estimates["status"] & bit)) for bit in Status}
+        counts = {
+            bit.name or "": int(np.count_nonzero(self.estimates["status"] & bit)) for bit in Status
+        }
         return +Counter(counts)
 
 
@@ -81,14 +89,22 @@ def load_parameters_for(
     first, changes = stored or ({}, 0)
     parameters = parameters_for(bag, [*sources, first, values], namespace, LoadParameters)
     fault = f"bag {bag}: parameters changed {changes} times in it; those of its beginning are used throughout"
-    return parameters, f"those in {bag.name}" if stored else "the defaults", [fault] if changes else []
+    return (
+        parameters,
+        f"those in {bag.name}" if stored else "the defaults",
+        [fault] if changes else [],
+    )
 
 
 def estimate_load(
-    bag: Path, parameters: LoadParameters, output: Path | None,
+    bag: Path,
+    parameters: LoadParameters,
+    output: Path | None,
     advance: Callable[[int, int], None] = lambda _done, _total: None,
-    overwrite: bool = False, names: Names = OWN_NAMES, keep: Callable[[LoadStream], object] | None = None,
-) -> LoadSummary:  # fmt: skip
+    overwrite: bool = False,
+    names: Names = OWN_NAMES,
+    keep: Callable[[LoadStream], object] | None = None,
+) -> LoadSummary:
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
     The messages are bit for bit those that the load node would publish.
@@ -110,10 +126,14 @@ def estimate_load(
         pipeline, damage = LoadStream(parameters), inputs.reader.damage
         if parameters.frame.ground:
             learn_transforms(bag, pipeline.frame)
-        with recording_of(bag, output, overwrite, LOAD_RECORDED, parameters, told_as=LOAD_PROVENANCE) as recorder:
+        with recording_of(
+            bag, output, overwrite, LOAD_RECORDED, parameters, told_as=LOAD_PROVENANCE
+        ) as recorder:
             if recorder and (weight_of(bag) or parameters.person != PersonParameters()):
                 weight = f"{parameters.person.constants.weight:.7g} N"
-                recorder.note(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
+                recorder.note(
+                    ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight}
+                )
             answers = recorded(recorder, pipeline, _answers(inputs, pipeline, advance))
             flexions = list[float]()
             estimates = np.fromiter(_rows(pipeline, answers, keep, flexions), ESTIMATE)
@@ -127,7 +147,10 @@ def estimate_load(
 
 
 def _rows(
-    pipeline: LoadStream, answers: Iterable[Answer], keep: Callable[[LoadStream], object] | None, flexions: list[float]
+    pipeline: LoadStream,
+    answers: Iterable[Answer],
+    keep: Callable[[LoadStream], object] | None,
+    flexions: list[float],
 ) -> Iterator[tuple[Any, ...]]:
     """Stamp and estimate of each answer, as `ESTIMATE`; its flexion angle [rad] is added to `flexions`."""
     for _ in answers:
@@ -137,7 +160,9 @@ def _rows(
         yield pipeline.sensed.stamp, *pipeline.estimate
 
 
-def _answers(inputs: BagInputs, pipeline: LoadStream, advance: Callable[[int, int], None]) -> Iterator[Answer]:
+def _answers(
+    inputs: BagInputs, pipeline: LoadStream, advance: Callable[[int, int], None]
+) -> Iterator[Answer]:
     """Answers to all messages of a bag, one by one; `advance` is called after each block."""
     take, done = (pipeline.joint_state, pipeline.force), 0
     for block in inputs.blocks(MESSAGES_PER_ADVANCE):

@@ -87,13 +87,19 @@ def solve(
 
 
 def answers_of(
-    bag: Path, basis: Parameters | Provenance, names: Names, output: Path | None = None, overwrite: bool = False,
+    bag: Path,
+    basis: Parameters | Provenance,
+    names: Names,
+    output: Path | None = None,
+    overwrite: bool = False,
     compiled: bool | None = None,
-) -> tuple[Results, Summary]:  # fmt: skip
+) -> tuple[Results, Summary]:
     """Compute a bag as `knee-contact solve` does; return the answers with their models, and the summary."""
     blocks: list[Sequence[Rows]] = []
     with progress("Solving") as advance:
-        summary = solve_bag(bag, basis, output, advance, overwrite, names, compiled=compiled, keep=blocks.append)
+        summary = solve_bag(
+            bag, basis, output, advance, overwrite, names, compiled=compiled, keep=blocks.append
+        )
     medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
     if lateral:
         medial.lateral = lateral[0]
@@ -105,7 +111,9 @@ def answers_of(
 def warn_of(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) -> None:
     """Warn of doubts, if they are not empty, of other recordings in the bag's folder, and of its damage."""
     damaged = f"bag {bag} is damaged, and {done} as far as it can be{' read' * (done == 'solved')}"
-    for sentence in filter(None, [*others_beside(bag), *doubts, *([f"{damaged}: {in_a_line(damage)}"] * bool(damage))]):
+    for sentence in filter(
+        None, [*others_beside(bag), *doubts, *([f"{damaged}: {in_a_line(damage)}"] * bool(damage))]
+    ):
         warnings.warn(in_python(sentence), stacklevel=3)
 
 
@@ -113,7 +121,9 @@ def _models(basis: Parameters | Provenance) -> list[KneeModel]:
     """Build the model of each compartment; none if the parameters of a recording changed while it was made."""
     if isinstance(basis, Provenance) and basis.changes:
         return []
-    return [compartment.model for compartment in compartments_of(parameters_in(basis), texts_of(basis))]
+    return [
+        compartment.model for compartment in compartments_of(parameters_in(basis), texts_of(basis))
+    ]
 
 
 def solve_inputs(
@@ -135,7 +145,11 @@ def solve_inputs(
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
     basis = basis_of(path, params, dotted(values or {}), person, namespace)
-    return path, basis, names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
+    return (
+        path,
+        basis,
+        names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace),
+    )
 
 
 def check_mappings(values: object, remap: object) -> None:
@@ -151,7 +165,9 @@ def check_mappings(values: object, remap: object) -> None:
 
 def _joined(blocks: Sequence[Rows]) -> Results:
     """Join blocks of answers to one array."""
-    whole = bytearray().join(rows.tobytes() for rows in blocks)  # NumPy would not copy what is between the fields
+    whole = bytearray().join(
+        rows.tobytes() for rows in blocks
+    )  # NumPy would not copy what is between the fields
     return np.frombuffer(whole, ROW).view(Results)
 
 
@@ -202,8 +218,12 @@ def estimate_load(
     path = expanded(str(bag))
     with in_python_words():
         check_mappings(values, remap)
-        sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
-        parameters, _, changed = load_parameters_for(path, sources, dotted(values or {}), namespace)
+        sources = (
+            params if isinstance(params, (list, tuple)) else [] if params is None else [params]
+        )
+        parameters, _, changed = load_parameters_for(
+            path, sources, dotted(values or {}), namespace
+        )
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None

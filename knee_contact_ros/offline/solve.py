@@ -35,8 +35,21 @@ from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.files import Source, all_values, curve_texts, dotted, first_error, load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, constants_of, has_both
+from knee_contact_ros.parameters.files import (
+    Source,
+    all_values,
+    curve_texts,
+    dotted,
+    first_error,
+    load_parameters,
+)
+from knee_contact_ros.parameters.schema import (
+    LoadParameters,
+    Parameters,
+    Section,
+    constants_of,
+    has_both,
+)
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
@@ -102,14 +115,24 @@ def solve(
         elif parameters.frame.tibia:
             learn_transforms(bag, pipeline.frame)
         topics = recorded_topics(has_both(parameters))
-        recorder = opened.enter_context(recording_of(bag, output, overwrite, topics, parameters, curves))
+        recorder = opened.enter_context(
+            recording_of(bag, output, overwrite, topics, parameters, curves)
+        )
         if worth_compiling(reader.count // MESSAGES_OF_A_TICK) if compiled is None else compiled:
             pipeline.compile()
         prepare(pipeline)
-        summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
+        summary, *others = (
+            Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments
+        )
         summary.lateral = others[0] if others else None
         thread, done = opened.enter_context(ThreadPoolExecutor(1)), 0
-        run = Run(pipeline, recorder, (summary.add_each, keep), thread, deque(recording.changes if recording else ()))
+        run = Run(
+            pipeline,
+            recorder,
+            (summary.add_each, keep),
+            thread,
+            deque(recording.changes if recording else ()),
+        )
         for block in inputs.blocks(BLOCK):
             run.take(block)
             done += len(block)
@@ -118,7 +141,9 @@ def solve(
         summary.finish()
         summary.damage, summary.refused = reader.damage, pipeline.synchroniser.refused
         if recording:
-            late = ["changes in the node may be applied too late, because ticks before them are missing"]
+            late = [
+                "changes in the node may be applied too late, because ticks before them are missing"
+            ]
             lost = late if reader.damage and recording.changes else []
             summary.damage = [*recording.damage, *reader.damage, *lost]
         finish(recorder, pipeline, bag, summary.damage)
@@ -137,9 +162,14 @@ def solve(
 
 @contextmanager
 def recording_of(
-    bag: Path, output: Path | None, overwrite: bool, topics: Iterable[str], parameters: Parameters | LoadParameters,
-    curves: Mapping[str, str] = {}, told_as: str = PROVENANCE,
-) -> Iterator[AnswerWriter | None]:  # fmt: skip
+    bag: Path,
+    output: Path | None,
+    overwrite: bool,
+    topics: Iterable[str],
+    parameters: Parameters | LoadParameters,
+    curves: Mapping[str, str] = {},
+    told_as: str = PROVENANCE,
+) -> Iterator[AnswerWriter | None]:
     """Open the output of a bag that is computed; it is removed if computing fails. None without an `output`.
 
     Raises:
@@ -154,7 +184,9 @@ def recording_of(
         yield AnswerWriter(writer, record, {topic: f"/{topic}" for topic in topics}, told_as)
 
 
-def recorded(recorder: AnswerWriter | None, pipeline: PairedStreams, answers: Iterable[Answer]) -> Iterator[Answer]:
+def recorded(
+    recorder: AnswerWriter | None, pipeline: PairedStreams, answers: Iterable[Answer]
+) -> Iterator[Answer]:
     """Record answers as they come, and a note when forces are turned; without a recorder pass answers on."""
     for answer in answers:
         if recorder and pipeline.frame.turn_note:
@@ -164,18 +196,29 @@ def recorded(recorder: AnswerWriter | None, pipeline: PairedStreams, answers: It
         yield answer
 
 
-def finish(recorder: AnswerWriter | None, pipeline: PairedStreams, bag: Path, damage: Sequence[str]) -> None:
+def finish(
+    recorder: AnswerWriter | None, pipeline: PairedStreams, bag: Path, damage: Sequence[str]
+) -> None:
     """Write what ends a recording: the remaining inputs, refused samples and the damage of the bag it comes from."""
     if recorder:
         recorder.finish(pipeline.ending())
         if damage:
-            recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
+            recorder.bag.add_metadata(
+                SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)}
+            )
 
 
-def nothing_computed(bag: Path, what: str, pipeline: PairedStreams, damage: Sequence[str]) -> UsageError:
+def nothing_computed(
+    bag: Path, what: str, pipeline: PairedStreams, damage: Sequence[str]
+) -> UsageError:
     """Error that a bag gave no `what`, with the reasons why samples were refused."""
-    reasons = ", ".join(f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items())
-    why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
+    reasons = ", ".join(
+        f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items()
+    )
+    why = (
+        "; ".join(filter(None, (reasons, pipeline.last_refusal)))
+        or "no angle and force at one time"
+    )
     damaged = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
     return UsageError(f"bag {bag}: no {what} ({why}){damaged}")
 
@@ -266,7 +309,9 @@ class Run:
                 self._note(RESET, {TICK: str(tick)})
                 continue
             try:
-                self.pipeline.retune(load_parameters(all_values(self.pipeline.parameters) | values))
+                self.pipeline.retune(
+                    load_parameters(all_values(self.pipeline.parameters) | values)
+                )
             except UsageError as error:
                 raise UsageError(
                     f"the recording has a change after {tick} ticks that cannot be made: {error}"
@@ -279,7 +324,11 @@ FEMORAL_SHARE = 9.3014 / 75.16
 
 
 def basis_of(
-    bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None, namespace: str = ""
+    bag: Path,
+    params: Source | None,
+    values: Mapping[str, Any],
+    person: Subject | None,
+    namespace: str = "",
 ) -> Parameters | Provenance:
     """Parameters to compute a bag with: the given ones, else those in a recording, else the healthy knee.
 
@@ -299,11 +348,15 @@ def basis_of(
     parameters: Parameters = parameters_for(bag, sources, namespace)
     law, thickness = parameters.contact.law, person.content.thickness if person else None
     if person and thickness is not None and "layer_depth" not in constants_of(law):
-        raise UsageError(f"subject file {person.path}: thickness: {thickness:g} is not used by contact.law {law}")
+        raise UsageError(
+            f"subject file {person.path}: thickness: {thickness:g} is not used by contact.law {law}"
+        )
     return parameters
 
 
-def parameters_for(bag: Path, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters) -> Any:
+def parameters_for(
+    bag: Path, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters
+) -> Any:
     """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
 
     Raises:
@@ -312,10 +365,17 @@ def parameters_for(bag: Path, sources: Sequence[Any], namespace: str = "", schem
     return with_weight(sources, weight_of(bag), namespace, schema)
 
 
-def with_weight(sources: Sequence[Any], weight: float | None, namespace: str = "", schema: Any = Parameters) -> Any:
+def with_weight(
+    sources: Sequence[Any], weight: float | None, namespace: str = "", schema: Any = Parameters
+) -> Any:
     """Load parameters for a body weight [N], unless the sources set another one; see `parameters_for`."""
-    parameters, default = load_parameters(list(sources), schema, namespace), load_parameters([], schema)
-    name, per_newton = ("person.mass", 1.0 / GRAVITY) if schema is LoadParameters else ("body_weight", 1.0)
+    parameters, default = (
+        load_parameters(list(sources), schema, namespace),
+        load_parameters([], schema),
+    )
+    name, per_newton = (
+        ("person.mass", 1.0 / GRAVITY) if schema is LoadParameters else ("body_weight", 1.0)
+    )
     said = any(isinstance(source, Mapping) and name in dotted(source) for source in sources)
     if weight is None or said or attrgetter(name)(parameters) != attrgetter(name)(default):
         return parameters
@@ -325,7 +385,11 @@ def with_weight(sources: Sequence[Any], weight: float | None, namespace: str = "
 def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str]:
     """Sentence that a bag was imported with another body weight than the parameters have; empty list if not."""
     weight, mass = weight_of(bag), isinstance(parameters, LoadParameters)
-    used = parameters.person.mass * GRAVITY if isinstance(parameters, LoadParameters) else parameters.body_weight
+    used = (
+        parameters.person.mass * GRAVITY
+        if isinstance(parameters, LoadParameters)
+        else parameters.body_weight
+    )
     if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
         return []
     said = f"person.mass {used / GRAVITY:.7g} kg" if mass else f"body_weight {used:.7g} N"
@@ -384,15 +448,24 @@ class Subject:
         """
         content, files = self.content, [self._file(name) for name in self.content.parameters]
         before = load_parameters(files)
-        values: dict[str, Any] = {"body_weight": content.mass * GRAVITY, "femur.mass": content.mass * FEMORAL_SHARE}
+        values: dict[str, Any] = {
+            "body_weight": content.mass * GRAVITY,
+            "femur.mass": content.mass * FEMORAL_SHARE,
+        }
         if content.thickness is not None:
             values["contact.layer_depth"] = content.thickness
         if content.joint:
             values["knee.joint_name"] = content.joint
-        surfaces = (("femur", content.profile, before.femur), ("tibia", content.tibial_profile, before.tibia))
+        surfaces = (
+            ("femur", content.profile, before.femur),
+            ("tibia", content.tibial_profile, before.tibia),
+        )
         for bone, profile, surface in surfaces:
             if profile:
-                values |= {f"{bone}.geometry": "profile", f"{bone}.profile": str(self._file(profile))}
+                values |= {
+                    f"{bone}.geometry": "profile",
+                    f"{bone}.profile": str(self._file(profile)),
+                }
             if profile or surface.geometry == "profile":
                 values[f"{bone}.scale"] = content.scale
             elif surface.geometry == "circle":

@@ -28,7 +28,12 @@ from knee_contact_ros.streams.columns import (
 from knee_contact_ros.streams.contact_stream import DOUBTFUL_LOAD, ContactStream, summed_wrenches
 from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH, Stamps
 from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Synchroniser, Timeline
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH, NANOSECONDS
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT_WRENCH,
+    NANOSECONDS,
+)
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -61,16 +66,28 @@ class _Samples(NamedTuple):
         """Angle sample."""
         height = None if self.heights is None else float(self.heights[index])
         data = self.states.data[index].tobytes()
-        return AngleSample(int(self.stamps[index]), float(self.angles[index]), data, height, self.delay)
+        return AngleSample(
+            int(self.stamps[index]), float(self.angles[index]), data, height, self.delay
+        )
 
     def load(self, index: int) -> LoadSample:
         """Load sample."""
-        stamp, frame_id, data = int(self.wrenches.stamps[index]), self.wrenches.shape[0], self.wrenches.data[index]
-        axial, moment, doubtful = float(self.axial[index]), float(self.moment[index]), bool(self.doubtful[index])
+        stamp, frame_id, data = (
+            int(self.wrenches.stamps[index]),
+            self.wrenches.shape[0],
+            self.wrenches.data[index],
+        )
+        axial, moment, doubtful = (
+            float(self.axial[index]),
+            float(self.moment[index]),
+            bool(self.doubtful[index]),
+        )
         return LoadSample(stamp, axial, moment, frame_id, data.tobytes(), doubtful=doubtful)
 
 
-def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbers) -> Answers | None:
+def take(
+    pipeline: ContactStream, states: Column, forces: Column, numbers: Numbers
+) -> Answers | None:
     """Compute the ticks of a block at once, from the messages of both topics in the order in which they came.
 
     `numbers` has the order of both, shape (n,): 0 for a state, 1 for a force.
@@ -93,12 +110,23 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
     known = ((angle_steps, before.angle_time), (load_steps, before.load_time))
     if not all(all_go_on(steps, len(time.steps), max_gap) for steps, time in known):
         return None
-    paired = pair(samples.stamps, samples.angles, samples.heights, samples.wrenches.stamps, before.last_pair, max_gap)
+    paired = pair(
+        samples.stamps,
+        samples.angles,
+        samples.heights,
+        samples.wrenches.stamps,
+        before.last_pair,
+        max_gap,
+    )
     if paired is None or not len(paired.angle):
         return None
     pipeline.frame.hold(samples.wrenches.shape[0])
-    pipeline.angles_seen.add_all(samples.states.stamps[-len(states) :], samples.angles[-len(states) :])
-    pipeline.forces_seen.add_all(samples.wrenches.stamps[-len(forces) :], samples.axial[-len(forces) :])
+    pipeline.angles_seen.add_all(
+        samples.states.stamps[-len(states) :], samples.angles[-len(states) :]
+    )
+    pipeline.forces_seen.add_all(
+        samples.wrenches.stamps[-len(forces) :], samples.axial[-len(forces) :]
+    )
     answers = _computed(pipeline, samples, paired, fresh)
     _hand_over(pipeline, samples, paired, fresh, (angle_steps, load_steps))
     return answers
@@ -108,21 +136,32 @@ def _apart(pairs: Synchroniser, samples: _Samples, numbers: Numbers, max_gap: in
     """Whether stamps differ from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
     loads, (states, forces) = numbers == 1, (samples.states.stamps, samples.wrenches.stamps)
     stamps, count = np.empty(len(numbers), np.int64), int(np.count_nonzero(loads))
-    stamps[loads], stamps[~loads] = forces[len(forces) - count :], states[len(states) - len(loads) + count :]
+    stamps[loads], stamps[~loads] = (
+        forces[len(forces) - count :],
+        states[len(states) - len(loads) + count :],
+    )
     turns, before = np.diff(loads, prepend=not loads[0]), pairs.load_time.last
     if loads[0]:
-        before = None if pairs.angle_time.last is None else pairs.angle_time.last + pairs.angle_delay
+        before = (
+            None if pairs.angle_time.last is None else pairs.angle_time.last + pairs.angle_delay
+        )
     steps = np.diff(stamps, prepend=stamps[0] if before is None else before)
     return bool((turns & (np.abs(steps) > max_gap)).any())
 
 
-def _with_held(before: Synchroniser, states: Column, forces: Column) -> tuple[Column, Column, Fresh]:
+def _with_held(
+    before: Synchroniser, states: Column, forces: Column
+) -> tuple[Column, Column, Fresh]:
     """Put the messages of a block after waiting ones; return which of the angles must still be recorded."""
     held = {angle.stamp: angle.data for angle in (*before.fresh, *before.angles)}
     untaken = {angle.stamp for angle in before.fresh}
     all_states = Column.together([Column.of([held[stamp] for stamp in sorted(held)]), states])
     all_forces = Column.together([Column.of([load.data for load in before.waiting]), forces])
-    return all_states, all_forces, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
+    return (
+        all_states,
+        all_forces,
+        np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states)),
+    )
 
 
 def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
@@ -138,22 +177,38 @@ def _samples(states: Column, forces: Column, pipeline: ContactStream) -> _Sample
         return None
     knee = pipeline.parameters.knee
     position = _position(decoded, knee.joint_name)
-    heights = _position(decoded, knee.height_joint_name) if pipeline.model.height_prescribed else None
+    heights = (
+        _position(decoded, knee.height_joint_name) if pipeline.model.height_prescribed else None
+    )
     if position is None or (pipeline.model.height_prescribed and heights is None):
         return None
     angles = knee.flexion_sign * position
-    axial, (moment, about_y, about_z) = -wrenches.numbers["force"][:, 1], wrenches.numbers["torque"].T
-    columns = [(angles + knee.flexion_offset, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD)]
+    axial, (moment, about_y, about_z) = (
+        -wrenches.numbers["force"][:, 1],
+        wrenches.numbers["torque"].T,
+    )
+    columns = [
+        (angles + knee.flexion_offset, LARGEST_ANGLE),
+        (position, np.inf),
+        (axial, LARGEST_LOAD),
+    ]
     if pipeline.by_moment:
         part = pipeline.by_moment(axial, moment, 0.0)
         columns += [(part, LARGEST_LOAD), (axial - part, LARGEST_LOAD)]
     columns += [(heights, LARGEST_HEIGHT)] if heights is not None else []
-    if not all((np.isfinite(column) & (np.abs(column) <= limit)).all() for column, limit in columns):
+    if not all(
+        (np.isfinite(column) & (np.abs(column) <= limit)).all() for column, limit in columns
+    ):
         return None
-    if not all(((stamps >= 0) & (stamps <= LAST_STAMP)).all() for stamps in (decoded.stamps, wrenches.stamps)):
+    if not all(
+        ((stamps >= 0) & (stamps <= LAST_STAMP)).all()
+        for stamps in (decoded.stamps, wrenches.stamps)
+    ):
         return None
     delay, doubtful = pipeline.synchroniser.angle_delay, np.isnan(about_y) & np.isfinite(about_z)
-    return _Samples(decoded, decoded.stamps - delay, delay, angles, heights, wrenches, axial, moment, doubtful)
+    return _Samples(
+        decoded, decoded.stamps - delay, delay, angles, heights, wrenches, axial, moment, doubtful
+    )
 
 
 def _position(states: Block, joint: str) -> Floats | None:
@@ -164,7 +219,9 @@ def _position(states: Block, joint: str) -> Floats | None:
     return np.ascontiguousarray(states.numbers["position"][:, names.index(joint)])
 
 
-def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples, fresh: Fresh) -> Answers:
+def _computed(
+    pipeline: ContactStream, samples: _Samples, paired: PairedSamples, fresh: Fresh
+) -> Answers:
     """Compute the loads that are paired with angles; return the answers, and the inputs and outputs to record."""
     number = len(paired.angle)
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
@@ -176,7 +233,9 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     status = paired.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(paired.status.dtype)
     rows = tuple(
         compartment.advance_all(stamps, angle, loads, paired.height, status)
-        for compartment, loads in zip(pipeline.compartments, (medial, axial - medial), strict=False)
+        for compartment, loads in zip(
+            pipeline.compartments, (medial, axial - medial), strict=False
+        )
     )
     pipeline.ticks += number
     pipeline.doubts.axes.add_all(samples.wrenches.numbers["force"][:number])
@@ -186,16 +245,27 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     states, each = samples.states, len(rows) + 5
     place = each * np.arange(number)
     answered = [
-        Messages(compartment.topic, stamps, encode_answers(frame_id, stamps, answers), place + behind)
-        for behind, (compartment, answers) in enumerate(zip(pipeline.compartments, rows, strict=True), start=2)
+        Messages(
+            compartment.topic, stamps, encode_answers(frame_id, stamps, answers), place + behind
+        )
+        for behind, (compartment, answers) in enumerate(
+            zip(pipeline.compartments, rows, strict=True), start=2
+        )
     ]
     leg = [
         Messages(topic, stamps[ticks], data, place[ticks] + each - 3 + behind)
-        for behind, (topic, ticks, data) in enumerate(pipeline.leg.messages(stamps, frame_id, rows[0]))
+        for behind, (topic, ticks, data) in enumerate(
+            pipeline.leg.messages(stamps, frame_id, rows[0])
+        )
     ]
     wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
     messages = (
-        Messages(JOINT_STATES, states.stamps[taken], states.data[taken], each * paired.tick_of_angle[taken]),
+        Messages(
+            JOINT_STATES,
+            states.stamps[taken],
+            states.data[taken],
+            each * paired.tick_of_angle[taken],
+        ),
         Messages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
         *answered,
         *leg,
@@ -205,7 +275,11 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
 
 
 def _hand_over(
-    pipeline: ContactStream, samples: _Samples, paired: PairedSamples, fresh: Fresh, steps: tuple[Stamps, Stamps]
+    pipeline: ContactStream,
+    samples: _Samples,
+    paired: PairedSamples,
+    fresh: Fresh,
+    steps: tuple[Stamps, Stamps],
 ) -> None:
     """Put the synchroniser into the state that it would have after all samples one by one."""
     number, synchroniser = len(paired.angle), pipeline.synchroniser
@@ -216,4 +290,6 @@ def _hand_over(
     synchroniser.angle_time.go_on(int(angle_stamps[-1]), steps[0][-STEPS:].tolist())
     synchroniser.load_time.go_on(int(load_stamps[-1]), steps[1][-STEPS:].tolist())
     angles, waiting = range(first, len(angle_stamps)), range(number, len(load_stamps))
-    synchroniser.go_on(map(samples.angle, angles), map(samples.angle, untaken), map(samples.load, waiting), last)
+    synchroniser.go_on(
+        map(samples.angle, angles), map(samples.angle, untaken), map(samples.load, waiting), last
+    )

@@ -104,7 +104,10 @@ class Summary:
     def add(self, answers: Rows) -> None:
         """Add a block of answers, at least one, to all figures."""
         first = 0
-        for reset in [*np.flatnonzero(answers["status"] & Status.TIME_RESET).tolist(), len(answers)]:
+        for reset in [
+            *np.flatnonzero(answers["status"] & Status.TIME_RESET).tolist(),
+            len(answers),
+        ]:
             if first < reset:
                 self._add(answers[first:reset])
             if self.ticks and reset < len(answers):
@@ -126,7 +129,9 @@ class Summary:
         for level, count in zip(*np.unique(answers["fidelity"], return_counts=True), strict=True):
             self.levels[Fidelity(int(level)).name.lower()] += int(count)
         self.largest_error = max(self.largest_error, bound(answers["error_estimate"]))
-        self.largest_force_error = max(self.largest_force_error, bound(answers["force_error_estimate"]))
+        self.largest_force_error = max(
+            self.largest_force_error, bound(answers["force_error_estimate"])
+        )
         for name in PEAKS:
             largest = answers[int(answers[name].argmax())]
             if name not in self.peaks or largest[name] > getattr(self.peaks[name], name):
@@ -157,12 +162,18 @@ class Summary:
     def _find_peaks(self, answers: Rows) -> None:
         self._recent.append(answers)
         self._keep(self._events.add(answers["stamp"], np.zeros(len(answers)), answers["load"]))
-        self._recent = [rows for rows in self._recent if abs(rows["stamp"][-1] - answers["stamp"][-1]) <= LOOK_BACK]
+        self._recent = [
+            rows
+            for rows in self._recent
+            if abs(rows["stamp"][-1] - answers["stamp"][-1]) <= LOOK_BACK
+        ]
 
     def _keep(self, events: Sequence[GaitEvent]) -> None:
         for event in events:
             if event.kind == LOAD_PEAK:
-                rows = next(rows for rows in reversed(self._recent) if event.stamp in rows["stamp"])
+                rows = next(
+                    rows for rows in reversed(self._recent) if event.stamp in rows["stamp"]
+                )
                 at = np.flatnonzero(rows["stamp"] == event.stamp)[-1]
                 self.load_peaks.append(Moment.of(rows[at], self.runs))
 
@@ -185,7 +196,11 @@ class Summary:
 
     def missing(self, bag: Path) -> str:
         """Sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
-        damage = f" is damaged, and solved as far as it can be read: {in_a_line(self.damage)}" if self.damage else ""
+        damage = (
+            f" is damaged, and solved as far as it can be read: {in_a_line(self.damage)}"
+            if self.damage
+            else ""
+        )
         unanswered = f": {self.unanswered}" if self.unanswered else ""
         return f"bag {bag}{damage}{unanswered}" if damage or unanswered else ""
 

@@ -8,19 +8,33 @@ from typing import Any, cast
 
 from knee_contact_ros.joint_reaction.compartments import LoadRule, MeasuredShare
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, check, hertz_stiffness, relative_radius
+from knee_contact_ros.model.laws import (
+    CONTACT_LAWS,
+    ContactLaw,
+    check,
+    hertz_stiffness,
+    relative_radius,
+)
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
 from knee_contact_ros.model.surfaces import TIBIAL_GEOMETRIES, ContactPair
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.files import SHARE_FILE, curve_points, curve_texts, read_share_table
+from knee_contact_ros.parameters.files import (
+    SHARE_FILE,
+    curve_points,
+    curve_texts,
+    read_share_table,
+)
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
 
 
 def build_model(
-    parameters: Parameters, *, curves: Mapping[str, str] | None = None, pair: ContactPair | None = None
+    parameters: Parameters,
+    *,
+    curves: Mapping[str, str] | None = None,
+    pair: ContactPair | None = None,
 ) -> KneeModel:
     """Build a model from parameters, not compiled, and without warnings.
 
@@ -31,7 +45,9 @@ def build_model(
     """
     if pair is None:
         pair = contact_pair(parameters, curve_texts(parameters, {}) if curves is None else curves)
-    return KneeModel(pair, height_prescribed=parameters.drive == "displacement", **_numbers(parameters))
+    return KneeModel(
+        pair, height_prescribed=parameters.drive == "displacement", **_numbers(parameters)
+    )
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
@@ -47,10 +63,15 @@ def _numbers(parameters: Parameters) -> dict[str, Any]:
     """Fields of a model that need no surface, by name: law, mass, level, tolerances, budget and patch."""
     law, fidelity = contact_law(parameters.contact), parameters.fidelity
     return {
-        "law": law, "allow_tension": parameters.contact.allow_tension, "mass": parameters.femur.mass,
-        "tolerance": fidelity.tolerance, "force_tolerance": fidelity.force_tolerance, "budget": fidelity.budget,
-        "level": LEVELS[fidelity.level], "patch": contact_patch(parameters.contact, law),
-    }  # fmt: skip
+        "law": law,
+        "allow_tension": parameters.contact.allow_tension,
+        "mass": parameters.femur.mass,
+        "tolerance": fidelity.tolerance,
+        "force_tolerance": fidelity.force_tolerance,
+        "budget": fidelity.budget,
+        "level": LEVELS[fidelity.level],
+        "patch": contact_patch(parameters.contact, law),
+    }
 
 
 def contact_law(contact: ContactParameters) -> ContactLaw:
@@ -61,7 +82,9 @@ def contact_law(contact: ContactParameters) -> ContactLaw:
     """
     constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
     if contact.stiffness_from == "material":
-        constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}
+        constants |= {
+            name: value for name, value in material_stiffness(contact).items() if name in constants
+        }
     try:
         law = CONTACT_LAWS[contact.law](**constants)
         check(law)
@@ -128,5 +151,7 @@ def load_rule(parameters: Parameters, texts: Mapping[str, str]) -> LoadRule:
     """
     load, table = parameters.load, None
     if load.rule == "measured_share":
-        table = MeasuredShare(read_share_table(load.share_file, texts[SHARE_FILE]), parameters.body_weight)
+        table = MeasuredShare(
+            read_share_table(load.share_file, texts[SHARE_FILE]), parameters.body_weight
+        )
     return LoadRule(load.rule, load.share, load.compartment_spacing, table, parameters.body_weight)

@@ -30,8 +30,20 @@ from knee_contact_ros.parameters.schema import (
     lateral_knee,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import find_file, parameter_file, read_regular, shipped_parameter_files
-from knee_contact_ros.system.ros_files import Sections, add_sections, fits, flat, read_sections, values_for
+from knee_contact_ros.system.files import (
+    find_file,
+    parameter_file,
+    read_regular,
+    shipped_parameter_files,
+)
+from knee_contact_ros.system.ros_files import (
+    Sections,
+    add_sections,
+    fits,
+    flat,
+    read_sections,
+    values_for,
+)
 
 ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
@@ -112,10 +124,16 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
     if isinstance(source, schema):
         return source
     merged: dict[str, Any] = {}
-    before: dict[str, Any] = {}  # the values before a row of files, whose sections ROS takes together
+    before: dict[
+        str, Any
+    ] = {}  # the values before a row of files, whose sections ROS takes together
     sections: Sections = {}
-    alone: dict[str, Any] = {}  # profiles, by bone, beside which a part does not set the bone's geometry
-    for part in source if isinstance(source, Sequence) and not isinstance(source, str) else [source]:
+    alone: dict[
+        str, Any
+    ] = {}  # profiles, by bone, beside which a part does not set the bone's geometry
+    for part in (
+        source if isinstance(source, Sequence) and not isinstance(source, str) else [source]
+    ):
         if isinstance(part, (str, Path)) and part != "":
             given = values_set_in(part, schema, namespace)
             read_sections(parameter_file(str(part)), sections)
@@ -136,11 +154,15 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
                 alone[bone] = given[f"{bone}.profile"]
     for bone, profile in alone.items():
         if merged.get(f"{bone}.geometry") != "profile":
-            raise UsageError(f"parameter {bone}.profile: {profile!r} is not used; set {bone}.geometry to profile, too")
+            raise UsageError(
+                f"parameter {bone}.profile: {profile!r} is not used; set {bone}.geometry to profile, too"
+            )
     return _validated(merged, "", schema)
 
 
-def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, namespace: str = "") -> dict[str, Any]:
+def values_set_in(
+    name: str | Path, schema: type[NodeSection] = Parameters, namespace: str = ""
+) -> dict[str, Any]:
     """Values that a parameter file sets for a node in a namespace, by dotted name; they are checked.
 
     Raises:
@@ -148,7 +170,10 @@ def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, name
     """
     path = parameter_file(str(name))
     if not path.exists() and str(path.parent) in (".", schema.folder):
-        shipped = {each.stem: str(Path(schema.folder, each.stem)) for each in shipped_parameter_files(schema.folder)}
+        shipped = {
+            each.stem: str(Path(schema.folder, each.stem))
+            for each in shipped_parameter_files(schema.folder)
+        }
         near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
         reason = f"there is no such file, and it is not one of the package's own ({', '.join(shipped.values())})"
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
@@ -163,15 +188,23 @@ def _node(schema: type[NodeSection], namespace: str) -> str:
     return f"/{namespace.strip('/')}/{schema.node}".replace("//", "/")
 
 
-def _own_values(sections: Sections, name: str, schema: type[NodeSection], namespace: str) -> dict[str, Any]:
+def _own_values(
+    sections: Sections, name: str, schema: type[NodeSection], namespace: str
+) -> dict[str, Any]:
     """Values of the node in the sections of a file or mapping with this name.
 
     Raises:
         UsageError: no section is for the node.
     """
     node = _node(schema, namespace)
-    spaces = [each.rpartition("/")[0].removeprefix("/") for each in sections if each.endswith(f"/{schema.node}")]
-    hint = f"; say --namespace {spaces[0]}" if spaces and spaces[0] and "*" not in spaces[0] else ""
+    spaces = [
+        each.rpartition("/")[0].removeprefix("/")
+        for each in sections
+        if each.endswith(f"/{schema.node}")
+    ]
+    hint = (
+        f"; say --namespace {spaces[0]}" if spaces and spaces[0] and "*" not in spaces[0] else ""
+    )
     check_used(sections, name, [node], hint)
     return values_for(sections, node)
 
@@ -195,16 +228,24 @@ def check_file(path: Path, schema: type[NodeSection]) -> None:
     """
     sections = read_sections(path)
     spaces = [
-        name.removeprefix("/").split("/")[:-1] for name in sections if name.split("/")[-1] in (schema.node, "*", "**")
+        name.removeprefix("/").split("/")[:-1]
+        for name in sections
+        if name.split("/")[-1] in (schema.node, "*", "**")
     ]
     for names in spaces or [[]]:
         namespace = "/".join("x" if name == "*" else name for name in names if name != "**")
         _validated(values_for(sections, _node(schema, namespace)), f"{path}: ", schema)
 
 
-def parameter_text(schema: type[NodeSection], comments: Iterable[str], lines: Iterable[str]) -> str:
+def parameter_text(
+    schema: type[NodeSection], comments: Iterable[str], lines: Iterable[str]
+) -> str:
     """Text of a parameter file of a node, with comments above, from lines of YAML."""
-    head = [*(f"# {' '.join(comment.split())}" for comment in comments), f"/**/{schema.node}:", "  ros__parameters:"]
+    head = [
+        *(f"# {' '.join(comment.split())}" for comment in comments),
+        f"/**/{schema.node}:",
+        "  ros__parameters:",
+    ]
     return "\n".join([*head, *(f"    {line}" for line in lines), ""])
 
 
@@ -225,10 +266,16 @@ def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Param
     common = _nested(flat_parameters(parameters), "", Parameters)
 
     def overlaid(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        inner = {name: overlaid(section.get(name, {}), v) for name, v in values.items() if isinstance(v, Mapping)}
+        inner = {
+            name: overlaid(section.get(name, {}), v)
+            for name, v in values.items()
+            if isinstance(v, Mapping)
+        }
         return {**section, **values, **inner}
 
-    return lambda values: _checked(overlaid(common, _nested(values, "", Parameters)), "", Parameters)
+    return lambda values: _checked(
+        overlaid(common, _nested(values, "", Parameters)), "", Parameters
+    )
 
 
 def _validated(values: Mapping[str, Any], where: str, schema: type[P]) -> P:
@@ -306,7 +353,10 @@ def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, s
     Raises:
         UsageError: a file cannot be read.
     """
-    return {by: known[by] if by in known else read_curve(by, name) for by, name in curve_files(parameters).items()}
+    return {
+        by: known[by] if by in known else read_curve(by, name)
+        for by, name in curve_files(parameters).items()
+    }
 
 
 def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
@@ -314,7 +364,11 @@ def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
 
     `texts` has the contents of the files of both compartments by parameter.
     """
-    own = {name.removeprefix(LATERAL): text for name, text in texts.items() if name.startswith(LATERAL)}
+    own = {
+        name.removeprefix(LATERAL): text
+        for name, text in texts.items()
+        if name.startswith(LATERAL)
+    }
     shared = {name: text for name, text in texts.items() if name.startswith("translation.")}
     return shared | own
 
@@ -327,11 +381,15 @@ def read_curve(by: str, name: str) -> str:
     """
     path = find_file(name)
     try:
-        return read_regular(path, LARGEST).decode("utf-8-sig")  # spreadsheets put a mark before the first letter
+        return read_regular(path, LARGEST).decode(
+            "utf-8-sig"
+        )  # spreadsheets put a mark before the first letter
     except OSError as error:
         raise UsageError(f"parameter {by}: cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise UsageError(f"parameter {by}: cannot read {path}: it is not a text file in UTF-8") from None
+        raise UsageError(
+            f"parameter {by}: cannot read {path}: it is not a text file in UTF-8"
+        ) from None
 
 
 def curve_points(by: str, name: str, text: str) -> Columns:
@@ -345,7 +403,9 @@ def curve_points(by: str, name: str, text: str) -> Columns:
     is_table = by == "translation.table"
     points = _columns(by, name, text, ("flexion_angle", "x") if is_table else ("x", "y"))
     if not is_table and np.abs(points).max(initial=0.0) > 1.0:
-        raise UsageError(f"parameter {by}: {name} reaches {np.abs(points).max():g}; x and y must be in m")
+        raise UsageError(
+            f"parameter {by}: {name} reaches {np.abs(points).max():g}; x and y must be in m"
+        )
     return points[:, 0], points[:, 1]
 
 
@@ -370,12 +430,20 @@ def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray
     Comments begin with #; the first line may have the names of the columns. Further columns are ignored.
     """
     if len(text) > LARGEST:
-        raise UsageError(f"parameter {by}: {name} has {len(text)} characters; at most {LARGEST} are allowed")
-    rows = [line.split(",")[: len(columns)] for line in map(str.strip, text.splitlines()) if line and line[0] != "#"]
+        raise UsageError(
+            f"parameter {by}: {name} has {len(text)} characters; at most {LARGEST} are allowed"
+        )
+    rows = [
+        line.split(",")[: len(columns)]
+        for line in map(str.strip, text.splitlines())
+        if line and line[0] != "#"
+    ]
     if rows and tuple(map(str.strip, rows[0])) == columns:
         del rows[0]
     if len(rows) > MOST_POINTS:
-        raise UsageError(f"parameter {by}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed")
+        raise UsageError(
+            f"parameter {by}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed"
+        )
     try:
         numbers = np.array(rows, dtype=float).reshape(len(rows), len(columns))
         if not np.isfinite(numbers).all() or (by == SHARE_FILE and not rows):
@@ -386,5 +454,7 @@ def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray
         raise UsageError(f"parameter {by}: {name} {words}") from None
     angle = np.abs(numbers[:, 0]).max(initial=0.0) if columns[0] == "flexion_angle" else 0.0
     if angle > LARGEST_ANGLE:
-        raise UsageError(f"parameter {by}: {name} reaches {angle:g} rad; flexion angles must be in rad, not deg")
+        raise UsageError(
+            f"parameter {by}: {name} reaches {angle:g} rad; flexion angles must be in rad, not deg"
+        )
     return numbers

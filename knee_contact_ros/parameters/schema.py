@@ -14,7 +14,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
 from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
@@ -25,7 +33,13 @@ from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.sources import FORM, JOINT_STATE, WRENCH_STAMPED, Source, source_of
+from knee_contact_ros.parameters.sources import (
+    FORM,
+    JOINT_STATE,
+    WRENCH_STAMPED,
+    Source,
+    source_of,
+)
 
 AUTO = "auto"
 LATERAL = "lateral."
@@ -61,7 +75,9 @@ def one_of(*allowed: str | float) -> Rule:
 
 def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> Rule:
     """Rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
-    return rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}")
+    return rule(
+        lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}"
+    )
 
 
 class Declaration(NamedTuple):
@@ -88,21 +104,30 @@ def declaration_of(field: FieldInfo) -> Declaration:
     for rule in field.metadata:
         if isinstance(rule, Rule):
             words.append(rule.words)
-        least, most = getattr(rule, "ge", least), getattr(rule, "le", most)  # the rules of annotated_types
+        least, most = (
+            getattr(rule, "ge", least),
+            getattr(rule, "le", most),
+        )  # the rules of annotated_types
         if hasattr(rule, "gt"):
             least = rule.gt
             words.append(f"> {least:g}")
         if hasattr(rule, "lt"):
             most = rule.lt
             words.append(f"< {most:g}")
-    return Declaration(field.default, " ".join((field.description or "").split()), least, most, "; ".join(words))
+    return Declaration(
+        field.default, " ".join((field.description or "").split()), least, most, "; ".join(words)
+    )
 
 
 class Section(BaseModel):
     """Group of parameters; names and types are strict, numbers finite."""
 
     model_config = ConfigDict(
-        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+        strict=True,
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
     )
 
 
@@ -236,7 +261,8 @@ def _level_of_today(level: object) -> object:
 def _instead_of_first_order() -> str:
     """Return the level that replaces `FIRST_ORDER`, and say so once."""
     _log.warning(
-        "fidelity.level: %s no longer exists; dynamic is used instead, which is faster and more accurate", FIRST_ORDER
+        "fidelity.level: %s no longer exists; dynamic is used instead, which is faster and more accurate",
+        FIRST_ORDER,
     )
     return "dynamic"
 
@@ -379,7 +405,9 @@ def _arguments(factory: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(inspect.signature(factory).parameters)
 
 
-def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[CommonContactParameters]:
+def with_constants_of_laws(
+    laws: Mapping[str, Callable[..., Any]],
+) -> type[CommonContactParameters]:
     """Section with the common parameters and the further arguments of these laws' factories.
 
     Each of those has a default and a `Range` in the signature.
@@ -390,10 +418,14 @@ def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[Commo
         for name, argument in inspect.signature(factory).parameters.items():
             if name not in CommonContactParameters.model_fields:
                 (limits,) = types[name].__metadata__
-                field = Field(argument.default, description=limits.meaning, ge=limits.least, le=limits.most)
+                field = Field(
+                    argument.default, description=limits.meaning, ge=limits.least, le=limits.most
+                )
                 more[name] = (types[name].__origin__, field)
     # The module, so that it can be pickled.
-    return create_model("ContactParameters", __base__=CommonContactParameters, __module__=__name__, **more)
+    return create_model(
+        "ContactParameters", __base__=CommonContactParameters, __module__=__name__, **more
+    )
 
 
 if TYPE_CHECKING:
@@ -419,7 +451,9 @@ class FidelityParameters(Section):
     """[m] wanted error of the penetration depth; below 1e-10 m rounding can be larger than the estimates"""
     force_tolerance: Annotated[float, off_or_at_least(1e-9)] = Field(0.0, ge=0.0, le=1e6)
     """[N] wanted error of the contact force; 0: off"""
-    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = Field(BUDGET, ge=0)
+    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = Field(
+        BUDGET, ge=0
+    )
     """largest number of contact law evaluations in a tick; a tick that reaches it gets the static contact and a
     flag, and so do later ticks until the contact has settled; 0: 100000"""
 
@@ -476,7 +510,10 @@ class Parameters(NodeSection):
     def _lateral_follows(cls, values: dict[str, Any]) -> dict[str, Any]:
         """Give the lateral compartment the medial one's values where it has none of its own."""
         own = dict(values.get("lateral", {}))
-        both = {name: {**dict(values.get(name, {})), **dict(own.get(name, {}))} for name in Lateral.model_fields}
+        both = {
+            name: {**dict(values.get(name, {})), **dict(own.get(name, {}))}
+            for name in Lateral.model_fields
+        }
         return {**values, "lateral": both}
 
     def joints(self) -> dict[str, str]:
@@ -489,7 +526,9 @@ class Parameters(NodeSection):
     def problem(self) -> str:
         """First combination of values that is not allowed, in either compartment; see `NodeSection`."""
         by_moment = self.load.rule == "moment_balance"
-        needed, why = (6, "moment_balance") if by_moment else (3 if self.frame.tibia else 1, "frame.tibia")
+        needed, why = (
+            (6, "moment_balance") if by_moment else (3 if self.frame.tibia else 1, "frame.tibia")
+        )
         first = self.problem_of_sources(needed, why) or self._problem_of_knee()
         if first or not has_both(self):
             return first
@@ -503,29 +542,54 @@ class Parameters(NodeSection):
         material = contact.stiffness_from == "material"
         bones = (("femur", femur), ("tibia", tibia))
         rules = (
-            *((bone.geometry == "profile" and not bone.profile,
-               f"{name}.profile is empty; {name}.geometry profile needs the name of a CSV file")
-              for name, bone in bones),
-            *((bone.geometry != "profile" and bone.scale != 1.0,
-               f"{name}.scale: {bone.scale:g} is not allowed; only {name}.geometry profile is scaled")
-              for name, bone in bones),
-            (tibia.geometry != "plane" and tibia.slope != 0.0,
-             f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope"),
-            (tibia.geometry == "circle" and femur.geometry == "circle" and tibia.radius <= femur.radius,
-             f"tibia.radius: {tibia.radius:g} is not allowed; it must exceed femur.radius, {femur.radius:g}"),
-            (translation.mechanism == "table" and not translation.table,
-             "translation.table is empty; translation.mechanism table needs the name of a CSV file"),
-            (self.load.rule == "measured_share" and not self.load.share_file,
-             "load.share_file is empty; load.compartment measured_share needs the name of a CSV file"),
-            (material and contact.exponent != 1.5,
-             f"contact.exponent: {contact.exponent:g} is not allowed; contact.stiffness_from material needs 1.5 "
-             "(Hertz)"),
-            ((material or contact.law == "elastic_foundation") and contact.tibial_radius <= contact.femoral_radius,
-             f"contact.tibial_radius: {contact.tibial_radius:g} is not allowed; it must exceed contact.femoral_radius, "
-             f"{contact.femoral_radius:g}"),
-            (self.rerun.mode == "file" and not self.rerun.path,
-             "rerun.path is empty; rerun.mode file needs the name of an .rrd file"),
-        )  # fmt: skip
+            *(
+                (
+                    bone.geometry == "profile" and not bone.profile,
+                    f"{name}.profile is empty; {name}.geometry profile needs the name of a CSV file",
+                )
+                for name, bone in bones
+            ),
+            *(
+                (
+                    bone.geometry != "profile" and bone.scale != 1.0,
+                    f"{name}.scale: {bone.scale:g} is not allowed; only {name}.geometry profile is scaled",
+                )
+                for name, bone in bones
+            ),
+            (
+                tibia.geometry != "plane" and tibia.slope != 0.0,
+                f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope",
+            ),
+            (
+                tibia.geometry == "circle"
+                and femur.geometry == "circle"
+                and tibia.radius <= femur.radius,
+                f"tibia.radius: {tibia.radius:g} is not allowed; it must exceed femur.radius, {femur.radius:g}",
+            ),
+            (
+                translation.mechanism == "table" and not translation.table,
+                "translation.table is empty; translation.mechanism table needs the name of a CSV file",
+            ),
+            (
+                self.load.rule == "measured_share" and not self.load.share_file,
+                "load.share_file is empty; load.compartment measured_share needs the name of a CSV file",
+            ),
+            (
+                material and contact.exponent != 1.5,
+                f"contact.exponent: {contact.exponent:g} is not allowed; contact.stiffness_from material needs 1.5 "
+                "(Hertz)",
+            ),
+            (
+                (material or contact.law == "elastic_foundation")
+                and contact.tibial_radius <= contact.femoral_radius,
+                f"contact.tibial_radius: {contact.tibial_radius:g} is not allowed; it must exceed "
+                f"contact.femoral_radius, {contact.femoral_radius:g}",
+            ),
+            (
+                self.rerun.mode == "file" and not self.rerun.path,
+                "rerun.path is empty; rerun.mode file needs the name of an .rrd file",
+            ),
+        )
         return next((reason for broken, reason in rules if broken), "")
 
 
@@ -537,7 +601,9 @@ def has_both(parameters: Parameters) -> bool:
 def lateral_knee(parameters: Parameters) -> Parameters:
     """Parameters of the lateral compartment, under the names of the medial one's."""
     own = parameters.lateral
-    return parameters.model_copy(update={"femur": own.femur, "tibia": own.tibia, "contact": own.contact})
+    return parameters.model_copy(
+        update={"femur": own.femur, "tibia": own.tibia, "contact": own.contact}
+    )
 
 
 class MeasuredJoint(Section):
@@ -621,7 +687,8 @@ class LoadParameters(NodeSection):
     force_source, usual_forces = "ground.source", "ground_reaction_force"
 
     level: Annotated[str, one_of(AUTO, *LOAD_LEVELS)] = Field(
-        AUTO, description=f"{', '.join(LOAD_LEVELS)}, or auto: the last of these that the inputs allow"
+        AUTO,
+        description=f"{', '.join(LOAD_LEVELS)}, or auto: the last of these that the inputs allow",
     )
     knee: FlexedKnee = FlexedKnee()
     ankle: ActuatedJoint = ActuatedJoint()
@@ -631,11 +698,13 @@ class LoadParameters(NodeSection):
     person: PersonParameters = PersonParameters()
     calibrated: bool = False
     """true: the constants were fitted to a measured knee of this person"""
-    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = Field(
-        0.0, ge=0.0, le=10.0
+    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = (
+        Field(0.0, ge=0.0, le=10.0)
     )
     """standard deviation of the axial force, as a fraction of body weight; 0: as measured for the level"""
-    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = Field(0.05, ge=0.0, le=1.0)
+    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = Field(
+        0.05, ge=0.0, le=1.0
+    )
     """[s] window for the accelerations of the joints, which delays them by half of it; 0: no inertia"""
     pairing: Pairing = Pairing()
     autostart: bool = True
@@ -648,7 +717,11 @@ class LoadParameters(NodeSection):
     def joints(self) -> dict[str, str]:
         """Joints of the leg that are measured; see `NodeSection`."""
         joints = {"knee": self.knee, "hip": self.hip, "ankle": self.ankle}
-        return {f"{name}.joint_name": joint.joint_name for name, joint in joints.items() if joint.joint_name}
+        return {
+            f"{name}.joint_name": joint.joint_name
+            for name, joint in joints.items()
+            if joint.joint_name
+        }
 
     @property
     def chosen_level(self) -> str:
@@ -658,7 +731,9 @@ class LoadParameters(NodeSection):
     def problem(self) -> str:
         """First combination of values that is not allowed; see `NodeSection`."""
         allowed = allowed_levels(self)
-        joints = [joint.joint_name for joint in (self.knee, self.ankle, self.hip) if joint.joint_name]
+        joints = [
+            joint.joint_name for joint in (self.knee, self.ankle, self.hip) if joint.joint_name
+        ]
         if self.level not in (AUTO, *allowed):
             return (
                 f"level: {self.level!r} is not allowed; it needs ground.components full, and hip.joint_name with "
@@ -673,7 +748,11 @@ class LoadParameters(NodeSection):
         if assisted and self.inputs()[0].fields:
             return "knee.source: fields are not allowed; they give no effort of an assisted joint"
         is_full = self.ground.components == "full"
-        needed, why = (6, "ground.components full") if is_full else (3 if self.frame.ground else 1, "frame.ground")
+        needed, why = (
+            (6, "ground.components full")
+            if is_full
+            else (3 if self.frame.ground else 1, "frame.ground")
+        )
         return self.problem_of_sources(needed, why)
 
 

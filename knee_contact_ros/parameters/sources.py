@@ -10,17 +10,36 @@ from typing import NamedTuple
 
 JOINT_STATE, WRENCH_STAMPED = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
 UNITS = {
-    JOINT_STATE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * math.pi, "m": 1.0, "mm": 1e-3},
-    WRENCH_STAMPED: {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605, "Nm": 1.0, "Nmm": 1e-3},
+    JOINT_STATE: {
+        "rad": 1.0,
+        "deg": math.pi / 180.0,
+        "mrad": 1e-3,
+        "rev": 2.0 * math.pi,
+        "m": 1.0,
+        "mm": 1e-3,
+    },
+    WRENCH_STAMPED: {
+        "N": 1.0,
+        "kN": 1e3,
+        "kgf": 9.80665,
+        "lbf": 4.4482216152605,
+        "Nm": 1.0,
+        "Nmm": 1e-3,
+    },
 }
 """Factors from the unit of a field to rad, m, N or N m, by the type to which an input is converted"""
-DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = "dynamic_joint_states", "control_msgs/msg/DynamicJointState"
+DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = (
+    "dynamic_joint_states",
+    "control_msgs/msg/DynamicJointState",
+)
 """Joint states of ros2_control: name of the topic, and its type"""
 ON_ARRIVAL = "on arrival"
 """Words after a source whose messages have no stamp, or a wrong one; they get the time of their arrival"""
 FORM = f"TOPIC, or TOPIC TYPE FIELD [UNIT], such as /encoder exo_msgs/Joint knee.angle deg; then perhaps {ON_ARRIVAL}"
 """Form of the text of a source"""
-SOURCE = re.compile(rf"([~/\w*]+)(?:[:,]?\s+(\w+(?:/msg)?/\w+)[:,]?\s+(\S.*?))??(\s+{ON_ARRIVAL})?")
+SOURCE = re.compile(
+    rf"([~/\w*]+)(?:[:,]?\s+(\w+(?:/msg)?/\w+)[:,]?\s+(\S.*?))??(\s+{ON_ARRIVAL})?"
+)
 FIELD = re.compile(r"([+-]?)((?:\w+(?:\[\d+\])*)(?:\.\w+(?:\[\d+\])*)*)(?:\s+(\S+))?")
 
 
@@ -77,7 +96,9 @@ def _field(text: str, units: Mapping[str, float]) -> Field:
     try:
         factor = units[unit] if unit in units else float(unit or 1.0)
     except ValueError:
-        raise ValueError(f"unit {unit!r} is not allowed; allowed: {', '.join(units)}, or a factor") from None
+        raise ValueError(
+            f"unit {unit!r} is not allowed; allowed: {', '.join(units)}, or a factor"
+        ) from None
     if not math.isfinite(factor) or factor == 0.0:
         raise ValueError(f"a factor of {unit} is not allowed")
     steps = re.findall(r"\w+(?![\w\]])|\[\d+\]", path)

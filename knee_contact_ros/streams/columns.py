@@ -65,8 +65,12 @@ class Column:
         before = np.cumsum([0, *(len(column.data) for column in columns)]).tolist()
         return cls(
             b"".join([column.data for column in columns]),
-            np.concatenate([column.begins + size for column, size in zip(columns, before, strict=False)]),
-            np.concatenate([column.ends + size for column, size in zip(columns, before, strict=False)]),
+            np.concatenate(
+                [column.begins + size for column, size in zip(columns, before, strict=False)]
+            ),
+            np.concatenate(
+                [column.ends + size for column, size in zip(columns, before, strict=False)]
+            ),
         )
 
     def __len__(self) -> int:
@@ -130,7 +134,9 @@ def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
         return None
     kind = layout.numbers
     rest = matrix[:, ~_covered(kind)]
-    for index in np.flatnonzero((rest != rest[0]).any(axis=1)).tolist():  # as a rule old memory in the padding
+    for index in np.flatnonzero(
+        (rest != rest[0]).any(axis=1)
+    ).tolist():  # as a rule old memory in the padding
         other = coder.decode(messages[index])
         if other is None or shape_of(other[0]) != shape:
             return None
@@ -173,7 +179,9 @@ def encode_answer_wrenches(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
 def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
     before = header(0, frame_id)
     length = len(before) + part.stop - part.start
-    times = np.dtype({"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length})
+    times = np.dtype(
+        {"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length}
+    )
     messages, data = filled(before + bytes(length - len(before)), times, len(stamps))
     messages["s"], messages["ns"] = np.divmod(stamps, NANOSECONDS)
     data[:, len(before) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
@@ -183,7 +191,18 @@ def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
 TYPE = MESSAGE_TYPES[KNEE_CONTACT]
 ADDED = frozenset(name for name, field in FIELDS.items() if field.added)
 """Names of the numbers that were added to the message later"""
-FIXED = ("float64", "float32", "int64", "uint64", "int32", "uint32", "int16", "uint16", "int8", "uint8")
+FIXED = (
+    "float64",
+    "float32",
+    "int64",
+    "uint64",
+    "int32",
+    "uint32",
+    "int16",
+    "uint16",
+    "int8",
+    "uint8",
+)
 """Types of numbers that are read, named as in NumPy"""
 BYTES = ("bool", "byte", "char")
 """Further types of one byte, which are read as `uint8`"""
@@ -221,7 +240,9 @@ def decode_answers(messages: Column, message_definition: MessageDefinition) -> R
         with np.errstate(invalid="ignore"):  # a foreign definition may have other types
             for name in set(TOLD) & set(layout.names or ()):
                 numbers[name][alike] = rows[name]
-        numbers["stamp"][alike] = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
+        numbers["stamp"][alike] = (
+            rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
+        )
     return answers
 
 
@@ -261,7 +282,9 @@ def layout_of(places: tuple[Place, ...], order: Order, frame_length: int) -> np.
         fields[name] = (number, at)
         at += number.itemsize
     formats, offsets = zip(*fields.values(), strict=True)
-    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at})
+    return np.dtype(
+        {"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at}
+    )
 
 
 def _flat(types: Any, fields: Any, before: str) -> Iterator[Place | None]:
@@ -302,7 +325,12 @@ class PairedSamples(NamedTuple):
 
 
 def pair(
-    angle_stamps: Stamps, angles: Floats, heights: Floats | None, load_stamps: Stamps, last: int | None, max_gap: int
+    angle_stamps: Stamps,
+    angles: Floats,
+    heights: Floats | None,
+    load_stamps: Stamps,
+    last: int | None,
+    max_gap: int,
 ) -> PairedSamples | None:
     """Pair loads with angles; the loads after the last angle have to wait.
 
@@ -331,11 +359,17 @@ def pair(
     after = np.where(exact, before, before + 1)
     gap = angle_stamps[after] - angle_stamps[before]
     part = (stamps - angle_stamps[before]) / np.where(exact, 1, gap)
-    previous = np.concatenate([[stamps[0] if last is None else last], stamps[:-1]]) if len(stamps) else stamps
+    previous = (
+        np.concatenate([[stamps[0] if last is None else last], stamps[:-1]])
+        if len(stamps)
+        else stamps
+    )
     stale = (gap > max_gap) | (stamps - previous > max_gap)
     return PairedSamples(
         np.where(exact, angles[before], _between(angles, before, after, part)),
-        None if heights is None else np.where(exact, heights[before], _between(heights, before, after, part)),
+        None
+        if heights is None
+        else np.where(exact, heights[before], _between(heights, before, after, part)),
         np.where(stale, STALE_INPUT, 0),
         np.searchsorted(stamps, angle_stamps, "left"),
     )
@@ -346,7 +380,9 @@ def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
     if len(steps) <= known:
         return False
     recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])
-    but_one, longest = np.sort(np.lib.stride_tricks.sliding_window_view(recent, STEPS), axis=1)[:, -2:].T
+    but_one, longest = np.sort(np.lib.stride_tricks.sliding_window_view(recent, STEPS), axis=1)[
+        :, -2:
+    ].T
     usual = np.where(but_one > 0, but_one, longest)
     near = steps <= np.where(usual > 0, FAR * usual, max_gap)
     return bool((near & (steps > 0))[known:].all())

@@ -17,7 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import LoadRule
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel, degrees_hint
+from knee_contact_ros.model.knee import (
+    LARGEST_ANGLE,
+    LARGEST_HEIGHT,
+    LARGEST_LOAD,
+    KneeModel,
+    degrees_hint,
+)
 from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows, Status, reader
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import Source, curve_texts, lateral_texts, load_parameters
@@ -36,7 +42,13 @@ from knee_contact_ros.streams.messages import (
     encode_answer_wrench,
     number_of,
 )
-from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample, PairedStreams
+from knee_contact_ros.streams.pairing import (
+    TIME_RESET,
+    AngleSample,
+    LoadSample,
+    PairedSample,
+    PairedStreams,
+)
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -57,14 +69,20 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, share_folder
 
 Floats = NDArray[np.float64]
-DOUBTFUL_LOAD = int(Status.DOUBTFUL_LOAD)  # a plain number: combining flags of an enumeration takes long
+DOUBTFUL_LOAD = int(
+    Status.DOUBTFUL_LOAD
+)  # a plain number: combining flags of an enumeration takes long
 SIX = struct.Struct("<6d")
 """Force and torque in the bytes of a row"""
 WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xyz"]
 
 
 def angle_sample(
-    message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"", delay: int = 0
+    message: JointState,
+    knee: Knee,
+    height_prescribed: bool = False,
+    data: bytes = b"",
+    delay: int = 0,
 ) -> AngleSample:
     """Sample with the flexion angle of a JointState, without the offset, which may still change: sign x position.
 
@@ -89,11 +107,16 @@ def angle_sample(
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, position, data, height, delay)
+    return AngleSample(
+        checked_stamp(message.stamp, "joint_states") - delay, position, data, height, delay
+    )
 
 
 def load_sample(
-    message: WrenchStamped, by_moment: LoadRule | None = None, arrived: float = 0.0, data: bytes = b""
+    message: WrenchStamped,
+    by_moment: LoadRule | None = None,
+    arrived: float = 0.0,
+    data: bytes = b"",
 ) -> LoadSample:
     """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
@@ -117,12 +140,14 @@ def load_sample(
         raise RefusedSampleError("not_finite", f"joint_reaction_force: torque.x is {moment}")
     if abs(axial) > LARGEST_LOAD:
         raise RefusedSampleError(
-            "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
+            "out_of_range",
+            f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}",
         )
     part = by_moment(-axial, moment, 0.0) if by_moment else 0.0
     if max(abs(part), abs(-axial - part)) > LARGEST_LOAD:
         raise RefusedSampleError(
-            "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
+            "out_of_range",
+            f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N",
         )
     stamp = checked_stamp(message.stamp, "joint_reaction_force")
     doubtful = math.isnan(message.torque[1]) and math.isfinite(message.torque[2])
@@ -173,12 +198,18 @@ class ContactStream(PairedStreams):
     @property
     def doubts_about_parameters(self) -> list[str]:
         """Sentences about implausible parameters of either compartment, each once."""
-        return list(dict.fromkeys(doubt for part in self.compartments for doubt in part.doubts.about_parameters))
+        return list(
+            dict.fromkeys(
+                doubt for part in self.compartments for doubt in part.doubts.about_parameters
+            )
+        )
 
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
         """Sample with the flexion angle; see `angle_sample`."""
         height = self.model.height_prescribed
-        return angle_sample(message, self.parameters.knee, height, data, self.synchroniser.angle_delay)
+        return angle_sample(
+            message, self.parameters.knee, height, data, self.synchroniser.angle_delay
+        )
 
     def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
         """Sample with the axial load; see `load_sample`."""
@@ -193,7 +224,9 @@ class ContactStream(PairedStreams):
         messages, status = [], pair.status
         if load.doubtful or (self.by_moment and self.by_moment.fails(load.axial, medial)):
             status |= DOUBTFUL_LOAD
-        for compartment, part in zip(self.compartments, (medial, load.axial - medial), strict=False):
+        for compartment, part in zip(
+            self.compartments, (medial, load.axial - medial), strict=False
+        ):
             if pair.status & TIME_RESET:
                 compartment.start_anew()
             compartment.advance(load.stamp, angle, part, pair.height, status)
@@ -205,13 +238,17 @@ class ContactStream(PairedStreams):
             self.split.add(load.axial, medial, self.rule.beyond(load.axial, angle))
         return messages
 
-    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
+    def answer(
+        self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0
+    ) -> Answer:
         """Answer of the tick that was computed last: rows, their `messages`, and the inputs that led to them.
 
         `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
         """
         load, rows = pair.load, []
-        records: list[Record] = [(JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles]
+        records: list[Record] = [
+            (JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles
+        ]
         records.append((JOINT_REACTION_FORCE, load.stamp, load.data))
         for compartment, message in zip(self.compartments, messages, strict=True):
             compartment.stream.latency[0] = latency
@@ -308,7 +345,12 @@ class Compartment:
         row = self.stream.answer
         self._point_z = row["contact_point"]["z"]
         force, torque = row["contact_wrench"]["force"], row["contact_wrench"]["torque"]
-        self._force_x, self._force_y, self._torque_x, self._torque_y = force["x"], force["y"], torque["x"], torque["y"]
+        self._force_x, self._force_y, self._torque_x, self._torque_y = (
+            force["x"],
+            force["y"],
+            torque["x"],
+            torque["y"],
+        )
 
     def compile(self) -> None:
         """Use the compiled model; to be called before the first tick."""
@@ -331,7 +373,9 @@ class Compartment:
         """Answer of the last tick, shape (1,); the next tick overwrites it."""
         return self.stream.answer
 
-    def advance(self, stamp: int, angle: float, load: float, height: float | None, status: int) -> None:
+    def advance(
+        self, stamp: int, angle: float, load: float, height: float | None, status: int
+    ) -> None:
         """Compute a tick at a stamp [ns] into `row`, with further bits of `Status`; see also `Stream.advance`."""
         self.stream.advance(stamp, angle, load, height)
         if status:
@@ -342,7 +386,12 @@ class Compartment:
             self._torque_y[0] = self._z * self._force_x[0]
 
     def advance_all(
-        self, stamps: Stamps, angles: Floats, loads: Floats, heights: Floats | None, status: NDArray[Any]
+        self,
+        stamps: Stamps,
+        angles: Floats,
+        loads: Floats,
+        heights: Floats | None,
+        status: NDArray[Any],
     ) -> Rows:
         """Compute many ticks, with the same bits as `advance`. All arrays have shape (n,)."""
         rows = self.stream.advance_all(stamps, angles, loads, heights)
@@ -374,7 +423,9 @@ def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[C
     if not z:
         return (first,)
     own = lateral_knee(parameters)
-    return first, Compartment(KNEE_CONTACT_LATERAL, own, build_model(own, curves=lateral_texts(texts)), z)
+    return first, Compartment(
+        KNEE_CONTACT_LATERAL, own, build_model(own, curves=lateral_texts(texts)), z
+    )
 
 
 def half_spacing(parameters: Parameters) -> float:
@@ -408,7 +459,9 @@ def summed_wrenches(rows: Sequence[Rows]) -> Rows:
     return summed
 
 
-def answering(topic: str, parameters: Parameters, texts: Mapping[str, str]) -> tuple[Parameters, Mapping[str, str]]:
+def answering(
+    topic: str, parameters: Parameters, texts: Mapping[str, str]
+) -> tuple[Parameters, Mapping[str, str]]:
     """Parameters, and contents of files by parameter, of the compartment that answers on a topic."""
     if is_lateral(topic):
         return lateral_knee(parameters), lateral_texts(texts)
@@ -445,11 +498,15 @@ class Leg:
             records.append((TF, stamp, pose(stamp, frame_id, row)))
         return records
 
-    def messages(self, stamps: Stamps, frame_id: str, rows: Rows) -> Iterator[tuple[str, NDArray[np.intp], Bytes]]:
+    def messages(
+        self, stamps: Stamps, frame_id: str, rows: Rows
+    ) -> Iterator[tuple[str, NDArray[np.intp], Bytes]]:
         """Yield the topics of many ticks, shape (n,), with the numbers of the ticks and the messages of `records`."""
         before = np.append(self._last, stamps[:-1])
         self._last = int(stamps[-1])
-        described, moved = (np.flatnonzero(stamps // each != before // each) for each in (DESCRIBED, MOVED))
+        described, moved = (
+            np.flatnonzero(stamps // each != before // each) for each in (DESCRIBED, MOVED)
+        )
         texts = [description(frame_id)] * len(described)
         poses = [pose(int(stamps[i]), frame_id, rows[i : i + 1].tobytes()) for i in moved]
         for topic, ticks, data in ((ROBOT_DESCRIPTION, described, texts), (TF, moved, poses)):

@@ -14,7 +14,13 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, JOINT_STATE, ON_ARRIVAL, Field, Source
+from knee_contact_ros.parameters.sources import (
+    DYNAMIC_JOINT_STATE,
+    JOINT_STATE,
+    ON_ARRIVAL,
+    Field,
+    Source,
+)
 from knee_contact_ros.streams import messages
 from knee_contact_ros.streams.columns import BYTES, FIXED
 from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
@@ -37,7 +43,9 @@ class Body:
 
     def __init__(self, parameters: Parameters | LoadParameters) -> None:
         """Follow the body whose id replaces `*` in the names of joints, until a gap of `pairing.max_gap`."""
-        self._patterns = [joint.partition(ANY)[::2] for joint in parameters.joints().values() if ANY in joint]
+        self._patterns = [
+            joint.partition(ANY)[::2] for joint in parameters.joints().values() if ANY in joint
+        ]
         self.has_id = bool(self._patterns)
         """Whether a name has such an id"""
         self._patience = round(parameters.pairing.max_gap * NANOSECONDS)
@@ -55,16 +63,24 @@ class Body:
         found = [
             name[len(before) : len(name) - len(after)]
             for name in state.name
-            if name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)
+            if name.startswith(before)
+            and name.endswith(after)
+            and len(name) > len(before) + len(after)
         ]
         if not found:
-            raise RefusedSampleError("joint_missing", f"no joint {before}{ANY}{after}; there are {listed(state.name)}")
+            raise RefusedSampleError(
+                "joint_missing", f"no joint {before}{ANY}{after}; there are {listed(state.name)}"
+            )
         if self._id not in found:
             if self._id and abs(state.stamp - self._last) <= self._patience:
-                text = f"{before}{found[0]}{after} comes while {before}{self._id}{after} is followed"
+                text = (
+                    f"{before}{found[0]}{after} comes while {before}{self._id}{after} is followed"
+                )
                 raise RefusedSampleError("another_body", text)
             if len(found) > 1:
-                raise RefusedSampleError("another_body", f"{len(found)} bodies at once: {listed(found)}")
+                raise RefusedSampleError(
+                    "another_body", f"{len(found)} bodies at once: {listed(found)}"
+                )
             self._id = found[0]
         self._last = state.stamp
         given = {f"{start}{self._id}{end}": f"{start}{ANY}{end}" for start, end in self._patterns}
@@ -74,7 +90,9 @@ class Body:
 class Converter:
     """Converter of the messages of a source; see `converters`."""
 
-    def __init__(self, source: Source, by: str, types: Types, joints: Sequence[str], body: Body) -> None:
+    def __init__(
+        self, source: Source, by: str, types: Types, joints: Sequence[str], body: Body
+    ) -> None:
         """Prepare to read the messages of a source, which the parameter `by` describes.
 
         They give the angles of `joints` of a `body`, or, without joints, a force.
@@ -91,7 +109,9 @@ class Converter:
                 check_path(self._store, source.type, field, by)
             kinds = {name: detail for name, (_, detail) in self._store.fielddefs[source.type][1]}
             heads = {"header": "std_msgs/msg/Header", "stamp": "builtin_interfaces/msg/Time"}
-            self._stamped = next((name for name, kind in heads.items() if kinds.get(name) == kind), "")
+            self._stamped = next(
+                (name for name, kind in heads.items() if kinds.get(name) == kind), ""
+            )
             if not self._stamped and not source.on_arrival:
                 raise UsageError(
                     f"parameter {by}: {source.type} has no header with a stamp: take a type that has one, or say "
@@ -105,7 +125,9 @@ class Converter:
         except RefusedSampleError as refused:
             return messages.refusal(refused)
         except Exception as error:  # whatever broken bytes provoke
-            text = f"{self._source.topic}: {len(data)} bytes are not a {self._source.type}: {error}"
+            text = (
+                f"{self._source.topic}: {len(data)} bytes are not a {self._source.type}: {error}"
+            )
             return messages.refusal(RefusedSampleError("undecodable", text))
 
     def _converted(self, data: bytes, arrived: int) -> bytes:
@@ -118,7 +140,9 @@ class Converter:
             state = messages.JOINT_STATE.read(data, source.topic)[0]
             state = state._replace(stamp=arrived) if source.on_arrival else state
             return messages.encode_joint_state(self._body.named(state))
-        return messages.encode_wrench_stamped(messages.WRENCH.read(data, source.topic)[0]._replace(stamp=arrived))
+        return messages.encode_wrench_stamped(
+            messages.WRENCH.read(data, source.topic)[0]._replace(stamp=arrived)
+        )
 
     def _from_fields(self, message: Any, arrived: int) -> bytes:
         source = self._source
@@ -130,14 +154,20 @@ class Converter:
         numbers = [number_at(message, field, source) for field in source.fields]
         stamp = arrived if source.on_arrival else stamp
         if self._joints:
-            return messages.encode_joint_state(JointState(stamp, frame_id, tuple(self._joints), tuple(numbers), (), ()))
-        up = -1.0 if self._by == Parameters.force_source else 1.0  # a load compresses, the ground pushes
+            return messages.encode_joint_state(
+                JointState(stamp, frame_id, tuple(self._joints), tuple(numbers), (), ())
+            )
+        up = (
+            -1.0 if self._by == Parameters.force_source else 1.0
+        )  # a load compresses, the ground pushes
         x, y, z, *torque = numbers if len(numbers) > 1 else (0.0, up * numbers[0], 0.0)
         moments = (torque[0], torque[1], torque[2]) if torque else (0.0, 0.0, 0.0)
         return messages.encode_wrench_stamped(WrenchStamped(stamp, frame_id, (x, y, z), moments))
 
 
-def converters(parameters: Parameters | LoadParameters, types: Types) -> tuple[Convert | None, Convert | None]:
+def converters(
+    parameters: Parameters | LoadParameters, types: Types
+) -> tuple[Convert | None, Convert | None]:
     """Converters of the angles and of the forces; None where messages need no conversion.
 
     Raises:
@@ -147,8 +177,12 @@ def converters(parameters: Parameters | LoadParameters, types: Types) -> tuple[C
     joints, body = list(parameters.joints().values()), Body(parameters)
     is_usual = angles == Source(angles.topic, JOINT_STATE, (), on_arrival=False)
     return (
-        None if is_usual and not body.has_id else Converter(angles, "knee.source", types, joints, body),
-        Converter(forces, parameters.force_source, types, (), body) if forces.fields or forces.on_arrival else None,
+        None
+        if is_usual and not body.has_id
+        else Converter(angles, "knee.source", types, joints, body),
+        Converter(forces, parameters.force_source, types, (), body)
+        if forces.fields or forces.on_arrival
+        else None,
     )
 
 
@@ -175,13 +209,17 @@ def number_at(message: Any, field: Field, source: Source) -> float:
             value = value[step] if isinstance(step, int) else getattr(value, step)
     except IndexError:
         path = written(field)
-        raise RefusedSampleError("field_missing", f"{source.topic}: {path}: there are {len(value)} elements") from None
+        raise RefusedSampleError(
+            "field_missing", f"{source.topic}: {path}: there are {len(value)} elements"
+        ) from None
     return field.factor * float(value)
 
 
 def written(field: Field) -> str:
     """Path of a field as in a parameter."""
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in field.path).removeprefix(".")
+    return "".join(
+        f"[{step}]" if isinstance(step, int) else f".{step}" for step in field.path
+    ).removeprefix(".")
 
 
 def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
@@ -204,7 +242,9 @@ def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
         if step not in known:
             has = f"; it has {listed(list(known))}" if known else ""
             what = detail if kind is Nodetype.NAME else f"what comes before it in {type_name}"
-            raise UsageError(f"parameter {by}: {written(field)}: {what} has no field {step!r}{has}")
+            raise UsageError(
+                f"parameter {by}: {written(field)}: {what} has no field {step!r}{has}"
+            )
         kind, detail = known[step]
     if kind is not Nodetype.BASE or detail[0] not in (*FIXED, *BYTES):
         raise UsageError(f"parameter {by}: {written(field)} of {type_name} is not a number")

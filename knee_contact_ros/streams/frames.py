@@ -14,7 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.streams.messages import HEADER, RefusedSampleError, WrenchStamped, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    HEADER,
+    RefusedSampleError,
+    WrenchStamped,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
 from knee_contact_ros.system.errors import LONGEST, printable
 
@@ -58,9 +63,14 @@ def decode_transforms(data: bytes) -> list[Transform]:
     """
     try:
         message: Any = typestore().deserialize_cdr(data, TF_MESSAGE)
-        return [_transform(one.header.frame_id, one.child_frame_id, one.transform) for one in message.transforms]
+        return [
+            _transform(one.header.frame_id, one.child_frame_id, one.transform)
+            for one in message.transforms
+        ]
     except Exception as error:  # whatever broken bytes provoke
-        raise ValueError(f"{len(data)} bytes are not a {TF_MESSAGE} ({' '.join(str(error).split())})") from None
+        raise ValueError(
+            f"{len(data)} bytes are not a {TF_MESSAGE} ({' '.join(str(error).split())})"
+        ) from None
 
 
 def encode_transform(transform: Transform, stamp: int) -> bytes:
@@ -83,14 +93,19 @@ def _packer(parent: str, child: str) -> tuple[Callable[..., bytes], bytes, bytes
 def _transform(parent: str, child: str, transform: Any) -> Transform:
     place, turn = transform.translation, transform.rotation
     return Transform(
-        parent.removeprefix("/"), child.removeprefix("/"), (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w)
+        parent.removeprefix("/"),
+        child.removeprefix("/"),
+        (place.x, place.y, place.z),
+        (turn.x, turn.y, turn.z, turn.w),
     )
 
 
 def isb_transform(frame: str) -> Transform | None:
     """Pose of a tibia frame in the bone's frame by REP 103; None if its name lacks the suffix."""
     bone = frame.removesuffix(ISB)
-    return Transform(bone, frame, (0.0, 0.0, 0.0), FROM_REP_103) if bone and bone != frame else None
+    return (
+        Transform(bone, frame, (0.0, 0.0, 0.0), FROM_REP_103) if bone and bone != frame else None
+    )
 
 
 class StaticTransforms:
@@ -138,13 +153,18 @@ class StaticTransforms:
 
 def _pose(transform: Transform) -> Pose:
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = _rotations().from_quat(transform.rotation).as_matrix(), transform.translation
+    pose[:3, :3], pose[:3, 3] = (
+        _rotations().from_quat(transform.rotation).as_matrix(),
+        transform.translation,
+    )
     return pose
 
 
 def _rotations() -> Any:
     """SciPy's class of rotations, imported when it is needed."""
-    from scipy.spatial.transform import Rotation  # a fifth of a second to import; most forces are not turned
+    from scipy.spatial.transform import (
+        Rotation,
+    )  # a fifth of a second to import; most forces are not turned
 
     return Rotation
 
@@ -160,7 +180,9 @@ class ForceFrame:
         self.turn_note: dict[str, str] = {}
         """Metadata record of a turn that is new; see `take_turn_note`"""
         self._frame: str | None = None  # of the forces as they come
-        self._pose: Pose | None = None  # its pose in the wanted frame; None if nothing is transformed
+        self._pose: Pose | None = (
+            None  # its pose in the wanted frame; None if nothing is transformed
+        )
         self._candidate: Pose | None = None  # that pose for the last force, while no frame is held
         self._transforms = StaticTransforms()
         if wanted:
@@ -238,12 +260,17 @@ class ForceFrame:
         return turned, encode_wrench_stamped(turned)
 
     def _turn_by(self, pose: Pose, frame: str) -> None:
-        turn, place = _rotations().from_matrix(pose[:3, :3]).as_quat().tolist(), pose[:3, 3].tolist()
+        turn, place = (
+            _rotations().from_matrix(pose[:3, :3]).as_quat().tolist(),
+            pose[:3, 3].tolist(),
+        )
         self._pose = pose
         self.turn_note = {
-            "from": printable(frame), "to": self.wanted,
-            "rotation_xyzw": " ".join(map(repr, turn)), "translation": " ".join(map(repr, place)),
-        }  # fmt: skip
+            "from": printable(frame),
+            "to": self.wanted,
+            "rotation_xyzw": " ".join(map(repr, turn)),
+            "translation": " ".join(map(repr, place)),
+        }
 
 
 def _short(name: str) -> str:
@@ -260,7 +287,9 @@ def turned_wrench(wrench: WrenchStamped, pose: Pose, frame: str) -> WrenchStampe
     return WrenchStamped(wrench.stamp, frame, force, torque)
 
 
-def _turned(rows: list[list[float]], vector: tuple[float, float, float]) -> tuple[float, float, float]:
+def _turned(
+    rows: list[list[float]], vector: tuple[float, float, float]
+) -> tuple[float, float, float]:
     x, y, z = vector
     one, two, three = (a * x + b * y + c * z for a, b, c, _ in rows)
     return one, two, three

@@ -114,7 +114,10 @@ class GaitEvents:
 
     def _begin(self) -> None:
         self._stamps, self._samples = np.empty(0, np.int64), np.empty((0, 2))
-        self._looked, self._open = -SECOND, 0  # stamp of the last look; the grid point before which all is decided
+        self._looked, self._open = (
+            -SECOND,
+            0,
+        )  # stamp of the last look; the grid point before which all is decided
         self._told = set[tuple[str, int]]()  # kind and extremum of events after it
 
     def add(self, stamps: Stamps, flexion_angle: Floats, load: Floats) -> list[GaitEvent]:
@@ -128,7 +131,10 @@ class GaitEvents:
             flexion_angle: Flexion angles [rad], shape (n,), finite.
             load: Loads of the compartment [N], compression positive, shape (n,), finite.
         """
-        samples, events = np.column_stack((flexion_angle, load / self._body_weight)), list[GaitEvent]()
+        samples, events = (
+            np.column_stack((flexion_angle, load / self._body_weight)),
+            list[GaitEvent](),
+        )
         for part, anew in runs(stamps, self._stamps):
             if anew:
                 events += self.finish()
@@ -160,12 +166,19 @@ class GaitEvents:
 class Window:
     """Samples without a gap, on the grid and smoothed."""
 
-    def __init__(self, stamps: Stamps, samples: Floats, body_weight: float, *, ended: bool) -> None:
+    def __init__(
+        self, stamps: Stamps, samples: Floats, body_weight: float, *, ended: bool
+    ) -> None:
         """Filter samples, flexion angle [rad] and load [BW], shape (n, 2); `ended`: no more will come.
 
         Beyond the ends the signals are continued by their mirror images through the ends.
         """
-        self._stamps, self._samples, self._body_weight, self._ended = stamps, samples, body_weight, ended
+        self._stamps, self._samples, self._body_weight, self._ended = (
+            stamps,
+            samples,
+            body_weight,
+            ended,
+        )
         self._origin = -(-int(stamps[0]) // PERIOD)
         grid = PERIOD * np.arange(self._origin, int(stamps[-1]) // PERIOD + 1)
         signals = [np.interp(grid - stamps[0], stamps - stamps[0], column) for column in samples.T]
@@ -176,7 +189,9 @@ class Window:
                 smooth += weight * padded[:, place : place + len(grid)]
         self._angle, self._load = smooth if ended else smooth[:, :-REACH]
         self._rates = np.full(len(self._angle), -np.inf)
-        self._rates[RATE_OVER:-RATE_OVER] = self._angle[2 * RATE_OVER :] - self._angle[: -2 * RATE_OVER]
+        self._rates[RATE_OVER:-RATE_OVER] = (
+            self._angle[2 * RATE_OVER :] - self._angle[: -2 * RATE_OVER]
+        )
 
     @property
     def end(self) -> int:
@@ -186,12 +201,18 @@ class Window:
     def events(self, begin: int) -> Iterator[tuple[tuple[str, int], GaitEvent]]:
         """Yield certain events, each with its kind and the grid point of its extremum, which is not before `begin`."""
         first = max(begin - self._origin, 0)
-        for kind, signal in ((HEEL_STRIKE, -self._angle), (TOE_OFF, self._angle), (LOAD_PEAK, self._load)):
+        for kind, signal in (
+            (HEEL_STRIKE, -self._angle),
+            (TOE_OFF, self._angle),
+            (LOAD_PEAK, self._load),
+        ):
             wait = PEAK_DISTANCE if kind == LOAD_PEAK else LOADING_TIME
             known = len(signal) if self._ended else len(signal) - wait
             for at in maxima(signal[:known]).tolist():
                 if at >= first:
-                    event = self._load_peak(at) if kind == LOAD_PEAK else self._step(kind, signal, at)
+                    event = (
+                        self._load_peak(at) if kind == LOAD_PEAK else self._step(kind, signal, at)
+                    )
                     if event:
                         yield (kind, self._origin + at), event
 
@@ -202,10 +223,15 @@ class Window:
         at_end = self._ended and at + LONGEST_TURN >= len(signal)
         if signal[at] - after.min(initial=signal[at]) < (TURN_AT_END if at_end else TURN):
             return None
-        peak, offset = self._extension(before, at) if kind == HEEL_STRIKE else self._flexion_rate(before, at)
+        peak, offset = (
+            self._extension(before, at) if kind == HEEL_STRIKE else self._flexion_rate(before, at)
+        )
         if peak is None:
             return None
-        stamp = min(PERIOD * (self._origin + peak) + round(PERIOD * offset) + AFTER[kind], int(self._stamps[-1]))
+        stamp = min(
+            PERIOD * (self._origin + peak) + round(PERIOD * offset) + AFTER[kind],
+            int(self._stamps[-1]),
+        )
         angle = self._angle[min(round(stamp / PERIOD) - self._origin, len(self._angle) - 1)]
         return GaitEvent(stamp, kind, f"{kind} at {np.degrees(angle):.0f}° of flexion")
 
@@ -224,20 +250,30 @@ class Window:
         begin = at - 1 - int(before.argmin())
         quickest = begin + int(self._rates[begin : at + 1].argmax())
         stance = self._load[max(quickest - LOADING_TIME, 0) : quickest + 1]
-        if quickest <= RATE_OVER or not self._swings(quickest, AFTER_LEAVING, stance):  # or it was quicker before
+        if quickest <= RATE_OVER or not self._swings(
+            quickest, AFTER_LEAVING, stance
+        ):  # or it was quicker before
             return None, 0.0
         return quickest, vertex(self._rates[quickest - 1 : quickest + 2])
 
     def _swings(self, at: int, times: tuple[int, int], stance: Floats) -> bool:
         """Whether the leg is unloaded between two points after a given one, compared with the loads of its stance."""
-        first, last = max(at + times[0], 0), max(at + times[1], 0)  # at the beginning one point must do
+        first, last = (
+            max(at + times[0], 0),
+            max(at + times[1], 0),
+        )  # at the beginning one point must do
         swing = self._load[first : last + 1]
-        return bool(len(swing) and stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max())
+        return bool(
+            len(swing) and stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max()
+        )
 
     def _load_peak(self, at: int) -> GaitEvent | None:
         """Load peak at the largest sample near a maximum of the smoothed load, if it is one of stance."""
         around = self._load[max(at - PEAK_DISTANCE, 0) : at + PEAK_DISTANCE + 1]
-        if around.argmax() != min(at, PEAK_DISTANCE) or self._load[at] - around.min() < PEAK_PROMINENCE:
+        if (
+            around.argmax() != min(at, PEAK_DISTANCE)
+            or self._load[at] - around.min() < PEAK_PROMINENCE
+        ):
             return None
         stamp = PERIOD * (self._origin + at)
         begin, end = np.searchsorted(self._stamps, (stamp - NEARBY, stamp + NEARBY + 1))

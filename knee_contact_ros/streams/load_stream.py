@@ -9,11 +9,30 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.estimator import DOUBTFUL_LOAD, IMPLAUSIBLE, PACKING, Estimate, Estimator
-from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion, MotionFilter, Vector, inclination
+from knee_contact_ros.joint_reaction.estimator import (
+    DOUBTFUL_LOAD,
+    IMPLAUSIBLE,
+    PACKING,
+    Estimate,
+    Estimator,
+)
+from knee_contact_ros.joint_reaction.leg import (
+    UNKNOWN,
+    Ground,
+    Joints,
+    Motion,
+    MotionFilter,
+    Vector,
+    inclination,
+)
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.parameters.schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
+from knee_contact_ros.parameters.schema import (
+    ActuatedJoint,
+    GroundForce,
+    LoadParameters,
+    MeasuredJoint,
+)
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import (
     JointState,
@@ -24,7 +43,13 @@ from knee_contact_ros.streams.messages import (
     header,
     number_of,
 )
-from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample, PairedStreams
+from knee_contact_ros.streams.pairing import (
+    TIME_RESET,
+    AngleSample,
+    LoadSample,
+    PairedSample,
+    PairedStreams,
+)
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     JOINT_REACTION_FORCE,
@@ -38,7 +63,9 @@ LARGEST_TORQUE = 1e5
 """Largest torque of an actuator or of the ground [N m], and largest ground force [N]"""
 
 
-def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, delay: int) -> AngleSample:
+def leg_sample(
+    message: JointState, parameters: LoadParameters, data: bytes, delay: int
+) -> AngleSample:
     """Sample with angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
 
     Raises:
@@ -49,7 +76,9 @@ def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, del
     flexion = _angle(message, knee)
     angles = _angle(message, parameters.hip), _angle(message, ankle)
     others = (*angles, _assistance(message, knee), _assistance(message, ankle))
-    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, flexion, data, None, delay, others)
+    return AngleSample(
+        checked_stamp(message.stamp, "joint_states") - delay, flexion, data, None, delay, others
+    )
 
 
 def joints_of(flexion: float, others: tuple[float, ...]) -> Joints:
@@ -79,7 +108,9 @@ def _assistance(message: JointState, joint: ActuatedJoint) -> float:
     return 0.0 - joint.sign * effort  # without effort it is 0, and not -0
 
 
-def ground_sample(message: WrenchStamped, parameters: GroundForce, data: bytes, arrived: float) -> LoadSample:
+def ground_sample(
+    message: WrenchStamped, parameters: GroundForce, data: bytes, arrived: float
+) -> LoadSample:
     """Sample with the ground force on the foot, from a WrenchStamped; `data` and `arrived` as for `load_sample`.
 
     Raises:
@@ -93,12 +124,16 @@ def ground_sample(message: WrenchStamped, parameters: GroundForce, data: bytes, 
         raise RefusedSampleError("not_finite", f"{GROUND_REACTION_FORCE}: {what}: {numbers}")
     if max(map(abs, components)) > LARGEST_TORQUE:
         largest = f"{max(components, key=abs):g} N or N m"
-        raise RefusedSampleError("out_of_range", f"{GROUND_REACTION_FORCE}: {largest}, beyond {LARGEST_TORQUE:g}")
+        raise RefusedSampleError(
+            "out_of_range", f"{GROUND_REACTION_FORCE}: {largest}, beyond {LARGEST_TORQUE:g}"
+        )
     stamp = checked_stamp(message.stamp, GROUND_REACTION_FORCE)
     return LoadSample(stamp, message.force[1], UNKNOWN, message.frame_id, data, arrived, message)
 
 
-def ground_of(wrench: WrenchStamped, parameters: GroundForce, joints: Joints, inclination: float) -> Ground:
+def ground_of(
+    wrench: WrenchStamped, parameters: GroundForce, joints: Joints, inclination: float
+) -> Ground:
     """Ground force about the ankle in upright axes; `inclination` [rad] is the shank's (`inverse_dynamics`).
 
     A sensor that turns with the foot is assumed to be upright if the ankle is not measured.
@@ -108,7 +143,11 @@ def ground_of(wrench: WrenchStamped, parameters: GroundForce, joints: Joints, in
     (force_x, force_y, force_z), (about_x, about_y, about_z) = wrench.force, wrench.torque
     at_x, at_y = parameters.ankle_x, parameters.ankle_y
     force = (force_x, force_y, force_z)
-    about = (about_x - at_y * force_z, about_y + at_x * force_z, about_z - at_x * force_y + at_y * force_x)
+    about = (
+        about_x - at_y * force_z,
+        about_y + at_x * force_z,
+        about_z - at_x * force_y + at_y * force_x,
+    )
     turn = inclination + joints.ankle
     if parameters.axes == "ground" or not math.isfinite(turn):
         return Ground(force, about)
@@ -171,7 +210,9 @@ class LoadStream(PairedStreams):
         joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
         assert wrench is not None  # noqa: S101  (by `ground_sample`)
         ground = ground_of(wrench, self.parameters.ground, joints, inclination(joints))
-        return Sensed(pair.load.stamp, joints, self._motion.now(pair.load.stamp), ground, pair.status)
+        return Sensed(
+            pair.load.stamp, joints, self._motion.now(pair.load.stamp), ground, pair.status
+        )
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; return the bytes of its WrenchStamped and of its `LoadEstimate`."""
@@ -179,14 +220,21 @@ class LoadStream(PairedStreams):
         self.estimate = estimate = self._estimator.at(*self.sensed)
         self.ticks += 1
         frame = self.parameters.frame.tibia
-        doubt = UNKNOWN if estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD) else 0.0  # which `load_sample` reads
+        doubt = (
+            UNKNOWN if estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD) else 0.0
+        )  # which `load_sample` reads
         force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, doubt, 0.0)
         return [
             encode_wrench_stamped(WrenchStamped(load.stamp, frame, force, torque)),
             encode_estimate(load.stamp, frame, estimate),
         ]
 
-    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:  # noqa: ARG002
+    def answer(
+        self,
+        pair: PairedSample,
+        messages: Sequence[bytes],
+        latency: float = 0.0,  # noqa: ARG002
+    ) -> Answer:
         """Answer with the inputs and messages of the last estimate; it has no row, and no latency."""
         stamp, (reaction, estimate) = pair.load.stamp, messages
         records: tuple[Record, ...] = (
@@ -199,7 +247,9 @@ class LoadStream(PairedStreams):
 
     def retune(self, parameters: LoadParameters) -> None:
         """Continue with changed numbers among the parameters, between two ticks."""
-        if _offsets(parameters) != _offsets(self.parameters):  # the jump of the angles is no motion
+        if _offsets(parameters) != _offsets(
+            self.parameters
+        ):  # the jump of the angles is no motion
             self._motion.forget()
             self._estimator.forget()
         self.parameters, self.level = parameters, parameters.chosen_level
@@ -216,7 +266,12 @@ def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
 
 
 def _constants(parameters: LoadParameters) -> tuple[str, Person, bool, float]:
-    return parameters.chosen_level, parameters.person.constants, parameters.calibrated, parameters.standard_deviation
+    return (
+        parameters.chosen_level,
+        parameters.person.constants,
+        parameters.calibrated,
+        parameters.standard_deviation,
+    )
 
 
 def _offsets(parameters: LoadParameters) -> tuple[float, ...]:

@@ -76,9 +76,20 @@ class WrenchStamped(NamedTuple):
     """Torque x, y, z [N m]"""
 
 
-TEXT, TEXTS, NUMBERS, VECTOR = "a text", "a sequence of texts", "a sequence of numbers", "three numbers"
+TEXT, TEXTS, NUMBERS, VECTOR = (
+    "a text",
+    "a sequence of texts",
+    "a sequence of numbers",
+    "three numbers",
+)
 FIELDS: dict[type, dict[str, str]] = {
-    JointState: {"frame_id": TEXT, "name": TEXTS, "position": NUMBERS, "velocity": NUMBERS, "effort": NUMBERS},
+    JointState: {
+        "frame_id": TEXT,
+        "name": TEXTS,
+        "position": NUMBERS,
+        "velocity": NUMBERS,
+        "effort": NUMBERS,
+    },
     WrenchStamped: {"frame_id": TEXT, "force": VECTOR, "torque": VECTOR},
 }
 """Fields after the stamp by name, and their kinds, for each type of message"""
@@ -116,7 +127,9 @@ class Layout:
         trailing = len(data) - self._end
         if not 0 <= trailing <= MOST_TRAILING:
             raise ValueError("it is truncated, or more bytes follow it")
-        self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(*self._slots)
+        self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(
+            *self._slots
+        )
         """Takes the numbers of each field out of the parts of a message"""
         self._pick = itemgetter(0, *self.known)
         self._fixed = (data[:2], *self.known.values())
@@ -136,7 +149,9 @@ class Layout:
         """NumPy type of a written message: `seconds`, `nanoseconds`, and its numbers by the names of the fields."""
         formats, offsets = zip(*self._types.values(), strict=True)
         names = list(self._types)
-        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.length})
+        return np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": self.length}
+        )
 
     def fits(self, parts: tuple[Any, ...]) -> bool:
         """Whether the parts of a message, from `unpack`, have this shape."""
@@ -144,7 +159,11 @@ class Layout:
 
     def parts(self, content: JointState | WrenchStamped) -> list[Any]:
         """Parts, for `pack`, of a content of this shape."""
-        parts: list[Any] = [HEADER[:2], *divmod(content.stamp, NANOSECONDS), *[None] * (self._parts - 3)]
+        parts: list[Any] = [
+            HEADER[:2],
+            *divmod(content.stamp, NANOSECONDS),
+            *[None] * (self._parts - 3),
+        ]
         for number, known in self.known.items():
             parts[number] = known
         numbers: Sequence[Any] = content[1 + len(self.texts) :]
@@ -207,7 +226,9 @@ class Coder(Generic[Content]):
             if layout is None or not layout.fits(parts):
                 layout = self._read(received)
                 parts = layout.unpack(received)
-            content: Content = self.kind(parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts))
+            content: Content = self.kind(
+                parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts)
+            )
             if layout.is_written and parts[2] < NANOSECONDS:
                 return content, layout.written.pack(*parts)
             return content, layout.written.pack(*layout.written.parts(content))
@@ -224,7 +245,9 @@ class Coder(Generic[Content]):
         if decoded is None:
             if data.startswith(REFUSED):
                 raise RefusedSampleError(*data[len(REFUSED) :].decode().split("\n", 1))
-            raise RefusedSampleError("undecodable", f"{topic}: {len(data)} bytes are not a message of its type")
+            raise RefusedSampleError(
+                "undecodable", f"{topic}: {len(data)} bytes are not a message of its type"
+            )
         return decoded
 
     def encode(self, content: Content) -> bytes:
@@ -242,7 +265,11 @@ class Coder(Generic[Content]):
         layout = Layout(self.kind, data)
         content = self.kind(0, *layout.texts, *layout.numbers_in(layout.unpack(data)))
         is_long = len(data) > LONGEST
-        layout.written = Layout(self.kind, _plain(content)) if is_long else written_layout(self.kind, shape_of(content))
+        layout.written = (
+            Layout(self.kind, _plain(content))
+            if is_long
+            else written_layout(self.kind, shape_of(content))
+        )
         layout.is_written = data[:2] == LITTLE_ENDIAN and layout.known == layout.written.known
         if not is_long:
             if len(self._layouts) >= MOST_LAYOUTS:
@@ -262,7 +289,10 @@ def shape_of(content: JointState | WrenchStamped) -> Shape:
 def written_layout(kind: Any, shape: Shape) -> Layout:
     """Layout in which messages of a shape are written."""
     forms = FIELDS[kind].values()
-    values = [given if form in (TEXT, TEXTS) else (0.0,) * given for form, given in zip(forms, shape, strict=True)]
+    values = [
+        given if form in (TEXT, TEXTS) else (0.0,) * given
+        for form, given in zip(forms, shape, strict=True)
+    ]
     return Layout(kind, _plain(kind(0, *values)))
 
 
@@ -348,17 +378,27 @@ def number_of(message: JointState, joint: str, quantity: str) -> float:
     """
     if joint not in message.name:
         known = listed(message.name)
-        raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {known}")
-    index, numbers = message.name.index(joint), message.position if quantity == "position" else message.effort
+        raise RefusedSampleError(
+            "joint_missing", f"joint_states has no joint {joint!r}; it has {known}"
+        )
+    index, numbers = (
+        message.name.index(joint),
+        message.position if quantity == "position" else message.effort,
+    )
     if not numbers:
-        raise RefusedSampleError("joint_missing", f"joint_states gives no {quantity} for joint {joint!r}")
+        raise RefusedSampleError(
+            "joint_missing", f"joint_states gives no {quantity} for joint {joint!r}"
+        )
     if len(numbers) != len(message.name):
         counted = f"{len(message.name)} names and {len(numbers)} values of {quantity}"
         raise RefusedSampleError(
-            "lengths_differ", f"joint_states has {counted}: it is not clear which value belongs to which joint"
+            "lengths_differ",
+            f"joint_states has {counted}: it is not clear which value belongs to which joint",
         )
     if not math.isfinite(numbers[index]):
-        raise RefusedSampleError("not_finite", f"joint_states: {quantity} of joint {joint!r} is {numbers[index]}")
+        raise RefusedSampleError(
+            "not_finite", f"joint_states: {quantity} of joint {joint!r} is {numbers[index]}"
+        )
     return numbers[index]
 
 
@@ -369,7 +409,9 @@ def checked_stamp(stamp: int, topic: str) -> int:
         RefusedSampleError: the stamp is out of range.
     """
     if not 0 <= stamp <= LAST_STAMP:
-        raise RefusedSampleError("bad_stamp", f"{topic}: stamp {stamp} ns is not within 0 and {LAST_STAMP} ns")
+        raise RefusedSampleError(
+            "bad_stamp", f"{topic}: stamp {stamp} ns is not within 0 and {LAST_STAMP} ns"
+        )
     return stamp
 
 
@@ -456,5 +498,12 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
             raise RefusedSampleError("joint_missing", f"{DYNAMIC_JOINT_STATES}: {text}")
     header = message.header
     return encode_joint_state(
-        JointState(stamp_to_ns(header.stamp), header.frame_id, tuple(positions), tuple(positions.values()), (), ())
+        JointState(
+            stamp_to_ns(header.stamp),
+            header.frame_id,
+            tuple(positions),
+            tuple(positions.values()),
+            (),
+            (),
+        )
     )

@@ -27,7 +27,13 @@ from numpy.typing import NDArray
 from knee_contact_ros.model.types import NANOSECOND, Status
 from knee_contact_ros.parameters.schema import LoadParameters, Pairing, Parameters
 from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH, JointState, RefusedSampleError, WrenchStamped
+from knee_contact_ros.streams.messages import (
+    JOINT_STATE,
+    WRENCH,
+    JointState,
+    RefusedSampleError,
+    WrenchStamped,
+)
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Answer, Ending
 
 STEPS = 8
@@ -150,7 +156,9 @@ class Timeline(Generic[S]):
                 self._go_to(stamp)
                 return [*passed, sample]
             late = -self._max_gap <= step <= 0 and not (aside and stamp > aside[-1].stamp)
-        if aside and not late and stamp <= aside[-1].stamp:  # else the stream does not continue where it was
+        if (
+            aside and not late and stamp <= aside[-1].stamp
+        ):  # else the stream does not continue where it was
             late = self._is_late_aside(stamp)
             if not late:
                 self.drop_aside()
@@ -164,7 +172,11 @@ class Timeline(Generic[S]):
         """Return samples kept aside that are believed because the other stream has new samples, or has `jumped`."""
         if not self.pending:
             return []
-        there = jumped and other.last is not None and abs(self.pending[-1].stamp - other.last) <= self._max_gap
+        there = (
+            jumped
+            and other.last is not None
+            and abs(self.pending[-1].stamp - other.last) <= self._max_gap
+        )
         return self.believe(None if there else self._believable(other))
 
     def has_reached(self, stamp: int) -> bool:
@@ -175,10 +187,17 @@ class Timeline(Generic[S]):
         """Believe the oldest samples of those kept aside, or all of them; return them."""
         if number == 0:
             return []
-        believed, self.pending = self.pending[:number], [] if number is None else self.pending[number:]
+        believed, self.pending = (
+            self.pending[:number],
+            [] if number is None else self.pending[number:],
+        )
         for sample in believed:
-            self.jumps += self.last is not None and not 0 < sample.stamp - self.last <= self._max_gap
-            if self.last is not None and sample.stamp <= self.last:  # the jumps on the way there are no steps
+            self.jumps += (
+                self.last is not None and not 0 < sample.stamp - self.last <= self._max_gap
+            )
+            if (
+                self.last is not None and sample.stamp <= self.last
+            ):  # the jumps on the way there are no steps
                 self.go_on(self.last, [step for step in self.steps if step <= self._max_gap])
             self._go_to(sample.stamp)
         return believed
@@ -202,9 +221,17 @@ class Timeline(Generic[S]):
 
     def _is_late_aside(self, stamp: int) -> bool:
         """Whether a sample belongs to those kept aside but is late; otherwise the stream does not continue there."""
-        first, newest, many = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending) > ENOUGH
-        before = self.last if many and self.last is not None and self.last < first else first - self.far
-        return stamp == newest or (len(self.pending) > 1 and stamp >= max(before, newest - self._max_gap))
+        first, newest, many = (
+            self.pending[0].stamp,
+            self.pending[-1].stamp,
+            len(self.pending) > ENOUGH,
+        )
+        before = (
+            self.last if many and self.last is not None and self.last < first else first - self.far
+        )
+        return stamp == newest or (
+            len(self.pending) > 1 and stamp >= max(before, newest - self._max_gap)
+        )
 
     def _believable(self, other: Timeline[Any]) -> int:
         """Number of the oldest samples kept aside with which the stream continues."""
@@ -221,7 +248,9 @@ class Timeline(Generic[S]):
         at = self.last  # else the oldest that are not far from each other or from the other stream
         for number, sample in enumerate(self.pending):
             goes_on = at is not None and at < sample.stamp <= at + self.far
-            if not (goes_on or ((at is None or at < sample.stamp) and other.has_reached(sample.stamp))):
+            if not (
+                goes_on or ((at is None or at < sample.stamp) and other.has_reached(sample.stamp))
+            ):
                 return number
             at = sample.stamp
         return every
@@ -230,14 +259,18 @@ class Timeline(Generic[S]):
         """Whether the samples kept aside are at the other stream's time, and those believed are not."""
         if self.last is None or other.last is None:
             return False
-        return abs(self.pending[-1].stamp - other.last) <= self._max_gap < abs(self.last - other.last)
+        return (
+            abs(self.pending[-1].stamp - other.last) <= self._max_gap < abs(self.last - other.last)
+        )
 
     def _go_to(self, stamp: int) -> None:
         if self.last is not None and stamp > self.last:
             step, steps = stamp - self.last, self.steps
             gone = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
-            if FAR * step >= self.far or FAR * gone >= self.far or len(steps) <= 2:  # else it stays as it is
+            if (
+                FAR * step >= self.far or FAR * gone >= self.far or len(steps) <= 2
+            ):  # else it stays as it is
                 self.far = FAR * _longest_but_one(steps)
         self.last = stamp
 
@@ -276,8 +309,12 @@ class Synchroniser:
         self._max_gap, self._queue = round(pairing.max_gap * NANOSECONDS), pairing.queue
         self.angle_delay = round(pairing.angle_delay * NANOSECONDS)
         """Time [ns] by which the stamps of angles have been moved earlier"""
-        self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refused, "angle")
-        self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refused, "load")
+        self.angle_time: Timeline[AngleSample] = Timeline(
+            self._max_gap, self._queue, self.refused, "angle"
+        )
+        self.load_time: Timeline[LoadSample] = Timeline(
+            self._max_gap, self._queue, self.refused, "load"
+        )
         self.unrecorded = 0
         """Number of angles in no pair, because more than `pairing.queue` came between two loads"""
         self.waiting: deque[LoadSample] = deque()
@@ -286,7 +323,9 @@ class Synchroniser:
         """Angles from the last one before the next load on, or earlier"""
         self.fresh: deque[AngleSample] = deque()
         """Angles that belong to no pair yet"""
-        self._left: list[AngleSample] = []  # likewise, from before a jump: they go to the next pair
+        self._left: list[
+            AngleSample
+        ] = []  # likewise, from before a jump: they go to the next pair
         self._last_load: int | None = None
         self.last_pair: int | None = None
         """Stamp [ns] of the last pair"""
@@ -296,7 +335,9 @@ class Synchroniser:
         """Stamps of loads minus those of angles [ns], as they came in turns since the last report"""
         self._loads_came = False  # last
         self._apart_since: int | None = None  # stamp of a load
-        self._met = False  # loads before all angles are due to the clocks, and not to the beginning
+        self._met = (
+            False  # loads before all angles are due to the clocks, and not to the beginning
+        )
         self._flags = OK
 
     @property
@@ -308,7 +349,11 @@ class Synchroniser:
     def lead(self) -> float | None:
         """Last load's stamp minus the last angle's [s], as they came; None if unknown."""
         angle, load = self.angle_time.last, self.load_time.last
-        return None if angle is None or load is None else (load - angle - self.angle_delay) / NANOSECONDS
+        return (
+            None
+            if angle is None or load is None
+            else (load - angle - self.angle_delay) / NANOSECONDS
+        )
 
     def _compare(self, stamp: int, of_load: bool) -> None:
         """Compare a stamp [ns], as it came, with the other stream's last one, if that came before it.
@@ -349,7 +394,11 @@ class Synchroniser:
 
         Call `go_on` of `angle_time` and `load_time` before.
         """
-        self.angles, self.fresh, self.waiting = deque(angles, maxlen=self._queue), deque(fresh), deque(waiting)
+        self.angles, self.fresh, self.waiting = (
+            deque(angles, maxlen=self._queue),
+            deque(fresh),
+            deque(waiting),
+        )
         self._last_load, self.last_pair, self._met = self.load_time.last, last_pair, True
 
     def start_anew(self) -> None:
@@ -402,7 +451,9 @@ class Synchroniser:
             jumped = self.load_time.believe()
             angles = self._take_angles(self.angle_time.look_again(self.load_time, jumped=True))
             return angles + self._take_loads(jumped) + self.give_up(arrived_by)
-        number = sum(1 for _ in itertools.takewhile(lambda load: load.arrived <= arrived_by, self.waiting))
+        number = sum(
+            1 for _ in itertools.takewhile(lambda load: load.arrived <= arrived_by, self.waiting)
+        )
         return self._pairs(hold=True, most=number)
 
     def finish(self) -> list[PairedSample]:
@@ -470,7 +521,9 @@ class Synchroniser:
                 taken.append(self.fresh.popleft())
             status |= self._flags | (STALE_INPUT if self.apart else OK)
             status |= INPUT_REJECTED if self.refused.is_new else OK
-            pairs.append(PairedSample(load, pose.angle, pose.height, status, tuple(taken), pose.others))
+            pairs.append(
+                PairedSample(load, pose.angle, pose.height, status, tuple(taken), pose.others)
+            )
             self._flags, self.refused.is_new = OK, False
         return pairs
 
@@ -507,7 +560,9 @@ def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample
     angle = before.angle + part * (after.angle - before.angle)
     if not before.others:
         return before._replace(stamp=stamp, angle=angle, height=height)
-    others = tuple([old + part * (new - old) for old, new in zip(before.others, after.others, strict=True)])
+    others = tuple(
+        [old + part * (new - old) for old, new in zip(before.others, after.others, strict=True)]
+    )
     return before._replace(stamp=stamp, angle=angle, height=height, others=others)
 
 
@@ -549,7 +604,10 @@ class Publishers:
     def look(self) -> None:
         """Check the samples that have come since the last check."""
         waiting, self._waiting = self._waiting, []
-        self.add_all(np.array([stamp for stamp, _ in waiting], np.int64), np.array([value for _, value in waiting]))
+        self.add_all(
+            np.array([stamp for stamp, _ in waiting], np.int64),
+            np.array([value for _, value in waiting]),
+        )
 
     def add_all(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """Add many samples, shape (n,), and check them."""
@@ -562,7 +620,11 @@ class Publishers:
         steps, lasts = np.diff(values), stamps[2:] - stamps[:-2]
         sizes = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:]))
         left = np.abs(steps[:-1] + steps[1:])
-        found = (sizes > self._difference) & (left < BACK * sizes) & (np.abs(lasts) * NANOSECOND < SHORT)
+        found = (
+            (sizes > self._difference)
+            & (left < BACK * sizes)
+            & (np.abs(lasts) * NANOSECOND < SHORT)
+        )
         self._samples += len(lasts)
         self._found = np.concatenate([self._found, sizes[found]])[-MOST:]
 
@@ -589,7 +651,9 @@ class Publishers:
 class PairedStreams(ABC):
     """Base of all computations on two streams: samples are refused or paired, and pairs are answered."""
 
-    def __init__(self, force_topic: str, parameters: Parameters | LoadParameters, frame: ForceFrame) -> None:
+    def __init__(
+        self, force_topic: str, parameters: Parameters | LoadParameters, frame: ForceFrame
+    ) -> None:
         """Begin without samples."""
         self.force_topic = force_topic
         angles, forces = parameters.inputs()
@@ -655,7 +719,9 @@ class PairedStreams(ABC):
         """Compute a tick; return the bytes of its messages."""
 
     @abstractmethod
-    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
+    def answer(
+        self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0
+    ) -> Answer:
         """Answer of the tick that was computed last: its `messages`, and the inputs that led to them.
 
         `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
@@ -674,7 +740,11 @@ class PairedStreams(ABC):
         Raises:
             RefusedSampleError: the last sample of the topic also has that stamp.
         """
-        time = self.synchroniser.load_time if topic == self.force_topic else self.synchroniser.angle_time
+        time = (
+            self.synchroniser.load_time
+            if topic == self.force_topic
+            else self.synchroniser.angle_time
+        )
         delay = 0 if topic == self.force_topic else self.synchroniser.angle_delay
         if time.last == -delay or any(sample.stamp == -delay for sample in time.pending):
             raise RefusedSampleError("no_stamp", f"{topic}: header.stamp is not set (0)")
@@ -709,13 +779,17 @@ class PairedStreams(ABC):
         """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
         self.frame.forget()
         if self._pending:
-            self._pending[0] = self._pending[0]._replace(status=self._pending[0].status | TIME_RESET)
+            self._pending[0] = self._pending[0]._replace(
+                status=self._pending[0].status | TIME_RESET
+            )
         else:
             self.synchroniser.start_anew()
 
     def ending(self) -> Ending:
         """End of a recording: the angles that belong to no answer, and the counts of refused samples."""
-        inputs = tuple((JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest())
+        inputs = tuple(
+            (JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest()
+        )
         return Ending(inputs, dict(self.synchroniser.refused))
 
     def _answers(self, pairs: Sequence[PairedSample]) -> Iterator[Answer]:

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Rows
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, SECOND, GaitEvent, GaitEvents, runs
+from knee_contact_ros.streams.gait_events import (
+    HEEL_STRIKE,
+    LOAD_PEAK,
+    SECOND,
+    GaitEvent,
+    GaitEvents,
+    runs,
+)
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -113,7 +120,9 @@ def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floa
     begin, end = sliding_velocity[:-1][touching], sliding_velocity[1:][touching]
     speeds = np.abs(begin) + np.abs(end)
     turned = begin * end < 0.0  # then two triangles
-    mean = np.where(turned, (begin * begin + end * end) / np.where(turned, speeds, 1.0), speeds) / 2.0
+    mean = (
+        np.where(turned, (begin * begin + end * end) / np.where(turned, speeds, 1.0), speeds) / 2.0
+    )
     return float(np.sum(mean * np.diff(time)[touching]))
 
 
@@ -125,7 +134,9 @@ def integral(time: Floats, values: Floats) -> float:
 def loading_rate(time: Floats, force: Floats) -> float:
     """Largest rise [N/s] of a force over `RISE_TIME` in the first half of a stance; times begin with it."""
     last = 0.5 * time[-1] - RISE_TIME
-    begins = np.concatenate((time, time - RISE_TIME, [last]))  # the force is straight between samples
+    begins = np.concatenate(
+        (time, time - RISE_TIME, [last])
+    )  # the force is straight between samples
     begins = begins[(begins >= 0.0) & (begins <= last)]
     rises = np.interp(begins + RISE_TIME, time, force) - np.interp(begins, time, force)
     return float(rises.max(initial=0.0)) / RISE_TIME
@@ -162,8 +173,12 @@ class Strides:
                 strides += self.finish()
             new = rows[part]
             self._rows = np.concatenate((self._rows, new))
-            strides += self._told(self._finder.add(new["stamp"], new["flexion_angle"], new["load"]))
-            self._rows = self._rows[np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - KEPT) :]
+            strides += self._told(
+                self._finder.add(new["stamp"], new["flexion_angle"], new["load"])
+            )
+            self._rows = self._rows[
+                np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - KEPT) :
+            ]
         return strides
 
     def finish(self) -> list[Stride]:
@@ -189,15 +204,25 @@ class Strides:
 
 def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
     """The contact in a stride, from answers around it: rows, or arrays by field, with increasing stamps."""
-    stamps, names = rows["stamp"], ("contact_force", "penetration_depth", "sliding_velocity", "contact_state")
+    stamps, names = (
+        rows["stamp"],
+        ("contact_force", "penetration_depth", "sliding_velocity", "contact_state"),
+    )
     values = np.column_stack([rows[name] for name in names])
-    (time, whole), (stance_time, stance) = (cut(stamps, values, span.start, end) for end in (span.end, span.toe_off))
+    (time, whole), (stance_time, stance) = (
+        cut(stamps, values, span.start, end) for end in (span.end, span.toe_off)
+    )
     within = slice(*np.searchsorted(stamps, (span.start, span.end)))
     return Stride(
-        span, float(whole[:, 0].max()), float(whole[:, 1].max()),
-        integral(time, whole[:, 0]), integral(stance_time, stance[:, 0]), loading_rate(stance_time, stance[:, 0]),
-        not (rows["status"][within].astype(int) & UNUSABLE).any(), sliding_distance(time, *whole.T[2:]),
-    )  # fmt: skip
+        span,
+        float(whole[:, 0].max()),
+        float(whole[:, 1].max()),
+        integral(time, whole[:, 0]),
+        integral(stance_time, stance[:, 0]),
+        loading_rate(stance_time, stance[:, 0]),
+        not (rows["status"][within].astype(int) & UNUSABLE).any(),
+        sliding_distance(time, *whole.T[2:]),
+    )
 
 
 def strides_of(series: Rows, body_weight: float) -> list[Stride]:

@@ -114,7 +114,9 @@ def typestore() -> Typestore:
     """Types of the messages of ROS 2 Jazzy and of this package's `msg/` folder."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted((share_folder() / "msg").glob("*.msg")):
-        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}"))
+        store.register(
+            get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}")
+        )
     return store
 
 

@@ -17,7 +17,15 @@ from knee_contact_ros.joint_reaction.compartments import LOADED
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import EXTENDS, FARTHEST_GAP, FARTHEST_POINT, FLAT, FLEXES, Rows, Status
+from knee_contact_ros.model.types import (
+    EXTENDS,
+    FARTHEST_GAP,
+    FARTHEST_POINT,
+    FLAT,
+    FLEXES,
+    Rows,
+    Status,
+)
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 
@@ -42,7 +50,9 @@ def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     weight = parameters.body_weight
     inputs = Inputs(None if weight_doubt(weight) else weight, driven=not model.height_prescribed)
     doubts = parameter_doubts(parameters, model)
-    return Doubts(model.plausible_depth, beyond_words(model), doubts, inputs, Axes(parameters.frame.tibia))
+    return Doubts(
+        model.plausible_depth, beyond_words(model), doubts, inputs, Axes(parameters.frame.tibia)
+    )
 
 
 def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
@@ -68,7 +78,9 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
 def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
     """Sentence about a femur that leaves the plateau in gait, such as one that turns about the hip; empty if none."""
     pair = model.pair
-    places = [pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1] for angle in GAIT]  # if level
+    places = [
+        pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1] for angle in GAIT
+    ]  # if level
     if max(map(abs, places)) <= PLATEAU:
         return ""
     return (
@@ -95,7 +107,11 @@ def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
 def beyond_words(model: KneeModel) -> str:
     """Phrase for the largest plausible depth of a model."""
     limit = model.plausible_depth
-    what = "the cartilage's thickness" if limit == model.law.thickness else "a fifth of the femoral radius"
+    what = (
+        "the cartilage's thickness"
+        if limit == model.law.thickness
+        else "a fifth of the femoral radius"
+    )
     return f"beyond {MM * limit:.3g} mm, {what}"
 
 
@@ -103,7 +119,9 @@ def _units(contact: ContactParameters, stiffness: float, finding: str) -> str:
     """Phrase with a stiffness, a finding about it, and what it would be if it were meant in N/mm^n."""
     per_metre, per_millimetre = (f"N/{unit}^{contact.exponent:g}" for unit in ("m", "mm"))
     meant = f"{MM**contact.exponent * stiffness:.7g} {per_metre}"
-    return f"{stiffness:.7g} {per_metre} {finding}; {stiffness:.7g} {per_millimetre} would be {meant}"
+    return (
+        f"{stiffness:.7g} {per_metre} {finding}; {stiffness:.7g} {per_millimetre} would be {meant}"
+    )
 
 
 @dataclass
@@ -150,10 +168,17 @@ class Doubts:
         if off.any():
             self.off += int(np.count_nonzero(off))
             self.off_by = max(self.off_by, float(places[off].max()))
-        flagged = ((answers["status"] & IMPLAUSIBLE) != 0) & ~off & (angles >= EXTENDS) & (angles <= FLEXES)
+        flagged = (
+            ((answers["status"] & IMPLAUSIBLE) != 0)
+            & ~off
+            & (angles >= EXTENDS)
+            & (angles <= FLEXES)
+        )
         self.farthest = max(self.farthest, float(gaps.max()))
         # After a flight that no knee makes, the bit means the flight and not a depth.
-        flown = (gaps > FARTHEST_GAP) | (flagged & ((depths <= 0.0) | (self.farthest > FARTHEST_GAP)))
+        flown = (gaps > FARTHEST_GAP) | (
+            flagged & ((depths <= 0.0) | (self.farthest > FARTHEST_GAP))
+        )
         self.flown += int(np.count_nonzero(flown))
         absurd = (flagged & ~flown) | (depths > self.plausible_depth)
         if absurd.any():
@@ -189,7 +214,11 @@ class Doubts:
     def about_inputs(self) -> list[str]:
         """Sentences about angle, load and time; if the load is along another axis, only that sentence."""
         load = self.axes.sentence or self.inputs.about_load
-        return [sentence for sentence in (self.inputs.about_angle, load, self.inputs.about_time) if sentence]
+        return [
+            sentence
+            for sentence in (self.inputs.about_angle, load, self.inputs.about_time)
+            if sentence
+        ]
 
     @property
     def sentences(self) -> list[str]:
@@ -232,7 +261,9 @@ class Split:
             self.beyond += beyond
             self.smallest, self.largest = min(self.smallest, share), max(self.largest, share)
 
-    def add_all(self, axial: Floats, loads: Floats, beyond: NDArray[np.bool_] | bool = False) -> None:
+    def add_all(
+        self, axial: Floats, loads: Floats, beyond: NDArray[np.bool_] | bool = False
+    ) -> None:
         """Add many samples, given as arrays of one shape; see `add`."""
         stands = axial >= LOADED * self.body_weight
         shares = loads[stands] / axial[stands]
@@ -251,7 +282,11 @@ class Split:
         if not self.samples:
             return "the leg never stood"
         counted = (("0 or 1", self.at_bound), ("beyond the table", self.beyond))
-        parts = [f"{what} in {100.0 * number / self.samples:.1f} %" for what, number in counted if number]
+        parts = [
+            f"{what} in {100.0 * number / self.samples:.1f} %"
+            for what, number in counted
+            if number
+        ]
         return ", ".join([f"{self.smallest:.2f} to {self.largest:.2f}", *parts])
 
     @property
@@ -291,8 +326,13 @@ def held_sentence(pipeline: PairedStreams, held: int) -> str:
     if 2 * held <= pipeline.ticks:
         return ""
     angles, forces = pipeline.sources.values()
-    apart = ((pipeline.synchroniser.load_time.last or 0) - (pipeline.synchroniser.angle_time.last or 0)) / NANOSECONDS
-    why = pipeline.last_refusal or f"their stamps lie {apart:.4g} s apart: does one of them count from boot?"
+    apart = (
+        (pipeline.synchroniser.load_time.last or 0) - (pipeline.synchroniser.angle_time.last or 0)
+    ) / NANOSECONDS
+    why = (
+        pipeline.last_refusal
+        or f"their stamps lie {apart:.4g} s apart: does one of them count from boot?"
+    )
     return f"{held} of {pipeline.ticks} answers to {forces} hold an old angle of {angles} (INPUT_HELD): {why}"
 
 
@@ -304,5 +344,8 @@ def unanswered_sentence(pipeline: PairedStreams, forces: int) -> str:
     refused = pipeline.synchroniser.refused
     reasons = [f"{count} x {reason}" for reason, count in refused.most_common()]
     why = "; ".join(filter(None, (", ".join(reasons), pipeline.last_refusal)))
-    advice = next((ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE), "look at the stamps")
+    advice = next(
+        (ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE),
+        "look at the stamps",
+    )
     return f"{missing} of {forces} forces have no answer ({why or 'no angle came'}): {advice}"

@@ -18,7 +18,9 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        character if character.isprintable() else character.encode("unicode_escape").decode("ascii")
+        character
+        if character.isprintable()
+        else character.encode("unicode_escape").decode("ascii")
         for character in text
     )
 
@@ -27,7 +29,12 @@ def listed(names: Sequence[str]) -> str:
     """List of names with commas; a long list is cut, and so is a long name."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return (
-        printable(", ".join(name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names[:SHOWN])) + more
+        printable(
+            ", ".join(
+                name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names[:SHOWN]
+            )
+        )
+        + more
     )
 
 
@@ -40,7 +47,9 @@ def meant(name: str, names: Collection[str], otherwise: str = "", cutoff: float 
 def in_a_line(faults: Collection[str]) -> str:
     """First faults, and the number of the others, in one line of printable characters."""
     more = len(faults) - MOST_FAULTS
-    return printable("; ".join(list(faults)[:MOST_FAULTS])) + (f"; and {more} more" if more > 0 else "")
+    return printable("; ".join(list(faults)[:MOST_FAULTS])) + (
+        f"; and {more} more" if more > 0 else ""
+    )
 
 
 class ToldError(Exception):

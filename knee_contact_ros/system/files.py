@@ -37,19 +37,30 @@ def share_folder() -> Path:
         return source_tree
     share = installed_share(PACKAGE)
     if share is None:
-        raise FileNotFoundError(f"share/{PACKAGE} is in no ament prefix; install the package again")
+        raise FileNotFoundError(
+            f"share/{PACKAGE} is in no ament prefix; install the package again"
+        )
     return share
 
 
 def ament_prefixes() -> list[str]:
     """Prefixes in which ROS 2 packages may be installed."""
-    return [prefix for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix) if prefix]
+    return [
+        prefix
+        for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix)
+        if prefix
+    ]
 
 
 def missing_middleware() -> str:
     """Sentence that RMW_IMPLEMENTATION names a middleware that is not installed, else empty; ROS would just exit."""
-    wanted, index = os.environ.get("RMW_IMPLEMENTATION", ""), "share/ament_index/resource_index/rmw_typesupport"
-    known = {each.name for prefix in ament_prefixes() for each in Path(prefix, index).glob("rmw_*_cpp")}
+    wanted, index = (
+        os.environ.get("RMW_IMPLEMENTATION", ""),
+        "share/ament_index/resource_index/rmw_typesupport",
+    )
+    known = {
+        each.name for prefix in ament_prefixes() for each in Path(prefix, index).glob("rmw_*_cpp")
+    }
     if not wanted or not known or wanted in known:
         return ""
     there = ", ".join(sorted(known))
@@ -240,7 +251,9 @@ def read_mapping(
 
 def opened(text: str) -> int:
     """Largest number of brackets that are open at a time in a YAML text, also within its texts."""
-    return max(accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0)
+    return max(
+        accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0
+    )
 
 
 def _check(content: Any) -> None:
@@ -255,7 +268,9 @@ def _check(content: Any) -> None:
         if nodes > MOST_NODES:
             raise BadYamlError(f"it has more than {MOST_NODES} nodes")
         if isinstance(node, int) and node.bit_length() > MOST_BITS:
-            raise BadYamlError(f"it has a number of {node.bit_length()} bits; at most {MOST_BITS} are allowed")
+            raise BadYamlError(
+                f"it has a number of {node.bit_length()} bits; at most {MOST_BITS} are allowed"
+            )
         if isinstance(node, str) and HALF.search(node):
             raise BadYamlError("it has half a character, which cannot be written")
         if isinstance(node, (Mapping, list, tuple, set)):

@@ -100,7 +100,9 @@ def _impossible(path: Path, error: OSError | ValueError) -> UsageError:
 
 def _unwritten(path: Path, error: OSError) -> UsageError | IncompleteError:
     """Error for an output that could not be written, or not completely, as the disk is full."""
-    return (IncompleteError if error.errno in FULL else UsageError)(f"cannot write {path}: {error.strerror}")
+    return (IncompleteError if error.errno in FULL else UsageError)(
+        f"cannot write {path}: {error.strerror}"
+    )
 
 
 def checked_output(path: Path, label: str, *suffixes: str) -> Path:
@@ -140,7 +142,9 @@ def refuse_existing(path: Path) -> None:
     if is_being_written(partial):
         raise UsageError(being_written(partial))
     if path.suffix not in MENDS:
-        raise UsageError(f"{partial} exists: it was cut off, or is being written; move it away first")
+        raise UsageError(
+            f"{partial} exists: it was cut off, or is being written; move it away first"
+        )
     raise UsageError(f"{cut_off(partial)}; then move it away, or choose another name")
 
 
@@ -244,7 +248,9 @@ def rename_new(partial: Path, name: Path) -> None:
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
             raise
-        if os.path.lexists(name):  # a file system without links, as on memory cards: a check is all that can be done
+        if os.path.lexists(
+            name
+        ):  # a file system without links, as on memory cards: a check is all that can be done
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(name)) from None
         partial.rename(name)
     else:
@@ -314,7 +320,11 @@ def is_being_written(partial: Path) -> bool:
 def leftovers(folder: Path, suffix: str) -> list[Path]:
     """Unfinished recordings in a folder, with the suffix `.mcap` or `.rrd`, that no process writes any more."""
     paths = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
-    return [path for path in paths if path.is_file() and not path.is_symlink() and not is_being_written(path)]
+    return [
+        path
+        for path in paths
+        if path.is_file() and not path.is_symlink() and not is_being_written(path)
+    ]
 
 
 @contextmanager
@@ -325,7 +335,9 @@ def work_folder(output: Path) -> Iterator[Path]:
         UsageError: it cannot be made.
         IncompleteError: the disk is full; also if it becomes full while the results are written.
     """
-    from knee_contact_ros.system.processes import interrupted_by_sigterm  # a third of the time of --help
+    from knee_contact_ros.system.processes import (
+        interrupted_by_sigterm,
+    )  # a third of the time of --help
 
     work = output / f".incomplete-{os.getpid()}"
     made = not output.exists()

@@ -31,7 +31,9 @@ RUN_MODULE = (
     "import runpy; runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
 )
 """Replacement for `python -P -m`, which Python 3.10 does not have"""
-OWN_GROUP: dict[str, Any] = {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
+OWN_GROUP: dict[str, Any] = (
+    {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
+)
 """Arguments of `Popen` for a process group of its own"""
 ENDS_WITH_US = [setpriv, "--pdeathsig", "TERM"] if (setpriv := shutil.which("setpriv")) else []
 """Prefix of a command that then gets SIGTERM when the thread that started it ends, if the command has begun"""
@@ -53,7 +55,9 @@ class Child(NamedTuple):
             UsageError: it has ended; the text has the last line of its output above the level of information.
         """
         if self.process.poll() is not None:
-            lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["it said nothing"]
+            lines = self.log.read_text(
+                encoding="utf-8", errors="replace"
+            ).strip().splitlines() or ["it said nothing"]
             last = next((line for line in reversed(lines) if INFORMATION not in line), lines[-1])
             raise UsageError(f"{self.name} ended with code {self.process.returncode}: {last}")
 
@@ -64,11 +68,15 @@ def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> P
     Raises:
         OSError: it cannot be started.
     """
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, **options)
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, **options
+    )
 
 
 @contextmanager
-def kept(command: Sequence[str], output: IO[bytes], patience: float, **options: Any) -> Iterator[Process]:
+def kept(
+    command: Sequence[str], output: IO[bytes], patience: float, **options: Any
+) -> Iterator[Process]:
     """Run a process within the `with` block, and always end it, even if we are killed; see `start` and `end`."""
     process = None
     try:
@@ -81,14 +89,19 @@ def kept(command: Sequence[str], output: IO[bytes], patience: float, **options: 
 
 
 @contextmanager
-def child_process(name: str, arguments: Sequence[str], log: Path, patience: float = PATIENCE) -> Iterator[Child]:
+def child_process(
+    name: str, arguments: Sequence[str], log: Path, patience: float = PATIENCE
+) -> Iterator[Child]:
     """Run `python` with these arguments and its output in `log`; at the end it gets SIGINT and `patience` [s].
 
     Raises:
         UsageError: the process has failed, or did not end.
     """
     try:
-        with log.open("wb") as output, kept([sys.executable, *arguments], output, patience) as process:
+        with (
+            log.open("wb") as output,
+            kept([sys.executable, *arguments], output, patience) as process,
+        ):
             child = Child(name, process, log)
             yield child
             process.send_signal(signal.SIGINT)
@@ -204,7 +217,9 @@ def refuse_taken(port: int, name: str) -> None:
         UsageError: another process listens on it, or it is not allowed.
     """
     with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: closed connections linger
+        probe.setsockopt(
+            socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
+        )  # as the server does: closed connections linger
         try:
             probe.bind((LOCALHOST, port))
         except OSError as error:

@@ -24,11 +24,18 @@ def joining() -> Iterator[None]:
         UsageError: the ROS graph cannot be joined.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # rclpy's, on what it could not clean up after the failure
+        warnings.simplefilter(
+            "ignore", RuntimeWarning
+        )  # rclpy's, on what it could not clean up after the failure
         try:
             yield
-        except (RuntimeError, NameValidationException) as error:  # rclpy's other errors derive from the former
-            raise UsageError(f"cannot join the ROS graph: {str(error).removesuffix('^')}") from None
+        except (
+            RuntimeError,
+            NameValidationException,
+        ) as error:  # rclpy's other errors derive from the former
+            raise UsageError(
+                f"cannot join the ROS graph: {str(error).removesuffix('^')}"
+            ) from None
 
 
 @contextmanager

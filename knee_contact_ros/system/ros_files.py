@@ -19,7 +19,15 @@ from typing import Any
 from ruamel.yaml import YAML, events
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEEPEST, HALF, LARGEST, TOO_DEEP, opened, read_regular, split
+from knee_contact_ros.system.files import (
+    DEEPEST,
+    HALF,
+    LARGEST,
+    TOO_DEEP,
+    opened,
+    read_regular,
+    split,
+)
 
 Sections = dict[str, dict[str, Any]]
 """Values by dotted name, by the name of a node as it is written, which may have wildcards; in order of appearance"""
@@ -48,7 +56,9 @@ def scalar(text: str) -> Any:
         return text in TRUE
     if len(text) <= LONGEST_INTEGER and INTEGER.fullmatch(text):
         digits = text.lstrip("+-")
-        value = int(text, 16 if digits[:2] in ("0x", "0X") else 8 if digits.startswith("0") else 10)
+        value = int(
+            text, 16 if digits[:2] in ("0x", "0X") else 8 if digits.startswith("0") else 10
+        )
         if LEAST <= value <= MOST:
             return value
     if SPECIAL.fullmatch(text):
@@ -56,7 +66,9 @@ def scalar(text: str) -> Any:
     if FLOAT.fullmatch(text):
         with suppress(OverflowError):
             number = float.fromhex(text) if "x" in text.lower() else float(text)
-            if math.isfinite(number) or "n" in text.lower():  # of inf and nan; a number that is too large is a text
+            if (
+                math.isfinite(number) or "n" in text.lower()
+            ):  # of inf and nan; a number that is too large is a text
                 return number
     return text
 
@@ -106,7 +118,11 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
     sections = {} if known is None else known
     for node, values in own.items():
         before = sections.setdefault(node, {})
-        before |= {name: value for name, value in values.items() if _rank(value) <= _rank(before.get(name))}
+        before |= {
+            name: value
+            for name, value in values.items()
+            if _rank(value) <= _rank(before.get(name))
+        }
     return sections
 
 
@@ -125,7 +141,9 @@ def contents(text: str) -> list[Any]:
     except RecursionError:
         raise UsageError(f"not a YAML file: {TOO_DEEP}") from None
     except Exception as error:  # the parser raises what it likes
-        raise UsageError(f"not a YAML file: {' '.join(str(error).split()) or type(error).__name__}") from None
+        raise UsageError(
+            f"not a YAML file: {' '.join(str(error).split()) or type(error).__name__}"
+        ) from None
 
 
 def add_sections(sections: Sections, content: Any) -> None:
@@ -143,7 +161,9 @@ def add_sections(sections: Sections, content: Any) -> None:
 
 
 def _has_nodes(content: Any) -> bool:
-    return isinstance(content, Mapping) and (PARAMETERS in content or any(map(_has_nodes, content.values())))
+    return isinstance(content, Mapping) and (
+        PARAMETERS in content or any(map(_has_nodes, content.values()))
+    )
 
 
 def _add_nodes(sections: Sections, content: Mapping[str, Any], before: str) -> None:
@@ -156,7 +176,11 @@ def _add_nodes(sections: Sections, content: Mapping[str, Any], before: str) -> N
                 raise UsageError(f"{before!r} is not the name of a node")
             _add_values(sections.setdefault(before, {}), value)
         else:
-            _add_nodes(sections, value, f"{before}{'' if not before or before.endswith('/') else '/'}{name}")
+            _add_nodes(
+                sections,
+                value,
+                f"{before}{'' if not before or before.endswith('/') else '/'}{name}",
+            )
 
 
 def _add_values(values: dict[str, Any], content: Mapping[str, Any]) -> None:
@@ -194,7 +218,10 @@ def values_for(sections: Sections, node: str) -> dict[str, Any]:
 def fits(name: str, node: str) -> bool:
     """Whether the name of a section, which may have wildcards, fits the absolute name of a node."""
     return bool(
-        re.fullmatch("".join(TOKENS.get(token, f"/{token}") for token in name.removeprefix("/").split("/")), node)
+        re.fullmatch(
+            "".join(TOKENS.get(token, f"/{token}") for token in name.removeprefix("/").split("/")),
+            node,
+        )
     )
 
 

@@ -69,10 +69,19 @@ class Bar:
 def progress(what: str) -> Iterator[Bar]:
     """Show a bar on the terminal, and nothing in a pipe; yields a function of (done, total) that updates it."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    disable = console.quiet = not console.is_terminal  # Rich 13.7 ends a hidden bar with an empty line
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+    )
+    disable = (
+        console.quiet
+    ) = not console.is_terminal  # Rich 13.7 ends a hidden bar with an empty line
     with Progress(*columns, console=console, disable=disable, transient=True) as bar:
-        console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
+        console.show_cursor(
+            True
+        )  # a process that Ctrl-Z stops would leave the terminal without one
         update = Bar(bar, what)
         token = _BAR.set(None if disable else update)
         try:
@@ -117,19 +126,29 @@ def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
     if hang is not None and sys.stdout.isatty():
         width = shutil.get_terminal_size().columns
         text = textwrap.fill(
-            text, width, subsequent_indent=" " * hang, break_long_words=False, break_on_hyphens=False,
-            replace_whitespace=False, drop_whitespace=True,
-        )  # fmt: skip
+            text,
+            width,
+            subsequent_indent=" " * hang,
+            break_long_words=False,
+            break_on_hyphens=False,
+            replace_whitespace=False,
+            drop_whitespace=True,
+        )
     click.echo(text, err=err)
 
 
 def show_table(
-    headings: Sequence[str], rows: Iterable[Sequence[str]], right: Collection[str] = (), **look: Any
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    right: Collection[str] = (),
+    **look: Any,
 ) -> None:
     """Print a table; columns with the headings `right` are justified right. Foreign texts in cells must be `shown`."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, **look)
     for heading in headings:
-        table.add_column(escape(heading), justify="right" if heading in right else "left", overflow="fold")
+        table.add_column(
+            escape(heading), justify="right" if heading in right else "left", overflow="fold"
+        )
     for row in rows:
         table.add_row(*row)
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
@@ -137,7 +156,9 @@ def show_table(
 
 def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
     """Print names and values, a row each. Foreign texts in values must be `shown`."""
-    table = Table(Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False)
+    table = Table(
+        Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False
+    )
     for pair in pairs:
         table.add_row(*pair)
     Console(width=WIDTH, emoji=False).print(table, highlight=False)

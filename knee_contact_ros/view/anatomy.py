@@ -138,7 +138,9 @@ class Picture(NamedTuple):
     """Depth of the overlap [m]; negative when apart"""
 
 
-def drawings_of(models: Sequence[KneeModel], names: Sequence[str], body_weight: float) -> list[KneeOutlines]:
+def drawings_of(
+    models: Sequence[KneeModel], names: Sequence[str], body_weight: float
+) -> list[KneeOutlines]:
     """Make the outlines of the compartments of a knee: with shafts and plateaus of the same size.
 
     Forces will be shown in units of `body_weight` [N].
@@ -151,14 +153,24 @@ def drawings_of(models: Sequence[KneeModel], names: Sequence[str], body_weight: 
             height = model.pair.femur.support(angle)[0]
             touched.append(model.closest(angle, height).point(x, height)[0])
         ranges.append((min(touched), max(touched)))
-    anatomies = _anatomies(models, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both))
+    anatomies = _anatomies(
+        models, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both)
+    )
     return [
         KneeOutlines(
-            name, model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH), model.cartilage_thickness, reach,
-            body_weight, anatomy, model.law, model.patch, model.height_prescribed,
+            name,
+            model.pair.femur.outline(),
+            model.pair.outline(PLATEAU_REACH),
+            model.cartilage_thickness,
+            reach,
+            body_weight,
+            anatomy,
+            model.law,
+            model.patch,
+            model.height_prescribed,
         )
         for model, name, reach, anatomy in zip(models, names, ranges, anatomies, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def compartments_of(knee: str, models: Sequence[KneeModel]) -> list[str]:
@@ -175,7 +187,9 @@ def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatom
     """Make the polygons of compartments, with plateaus of at least this half length [m]."""
     femora = [_even(_open(model.pair.femur.outline())) for model in models]
     extent = float(np.ptp(np.concatenate(femora)[:, 0]))
-    shaft = min(float(femur[0, 0]) for femur in femora) + extent * np.array([SHAFT_BEGIN, SHAFT_BEGIN + SHAFT_WIDTH])
+    shaft = min(float(femur[0, 0]) for femur in femora) + extent * np.array(
+        [SHAFT_BEGIN, SHAFT_BEGIN + SHAFT_WIDTH]
+    )
     begin = max(float(femur[end, 1]) for femur in femora for end in (0, -1)) + SHAFT_RISE * extent
     anatomies = []
     for model, femur in zip(models, femora, strict=True):
@@ -183,14 +197,20 @@ def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatom
         thickness = 0.5 * both if math.isfinite(both) else DRAWN_THICKNESS
         tibia = _even(model.pair.outline(max(PLATEAU * extent, least_plateau)))
         width, edge = float(np.ptp(tibia[[0, -1], 0])), float(tibia[[0, -1], 1].min())
-        tibial_shaft = 0.5 * (tibia[0, 0] + tibia[-1, 0]) + 0.5 * TIBIA_WIDTH * width * np.array([-1.0, 1.0])
+        tibial_shaft = 0.5 * (tibia[0, 0] + tibia[-1, 0]) + 0.5 * TIBIA_WIDTH * width * np.array(
+            [-1.0, 1.0]
+        )
         ends = edge - TIBIA_DROP * width, edge - TIBIA_DEPTH * width
         anatomies.append(
             Anatomy(
-                *_bone(femur, thickness, 1.0, shaft, (begin, max(SHAFT_LENGTH * extent, begin)), 0.0),
-                *_bone(tibia, thickness, -1.0, tibial_shaft, ends, TIBIA_LEAN), thickness, not math.isfinite(both),
+                *_bone(
+                    femur, thickness, 1.0, shaft, (begin, max(SHAFT_LENGTH * extent, begin)), 0.0
+                ),
+                *_bone(tibia, thickness, -1.0, tibial_shaft, ends, TIBIA_LEAN),
+                thickness,
+                not math.isfinite(both),
             )
-        )  # fmt: skip
+        )
     return anatomies
 
 
@@ -207,9 +227,15 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
         upper, lower = overlaps(placed(femur, *pose)[None], tibia, np.array(point[:1]))
         overlap = np.concatenate([upper[0], lower[0, ::-1]])
     return Picture(
-        placed(knee.femur_bone, *pose), placed(knee.femur_cartilage, *pose), knee.tibia_bone, knee.tibia_cartilage,
-        overlap, point, (closest.normal_x, closest.normal_y), closest.depth,
-    )  # fmt: skip
+        placed(knee.femur_bone, *pose),
+        placed(knee.femur_cartilage, *pose),
+        knee.tibia_bone,
+        knee.tibia_cartilage,
+        overlap,
+        point,
+        (closest.normal_x, closest.normal_y),
+        closest.depth,
+    )
 
 
 def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
@@ -217,7 +243,9 @@ def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
 
     Angle [rad], x and height [m] are numbers, or arrays of shape (n,), which give points of shape (n, m, 2).
     """
-    cosine, sine, x, height = (np.asarray(each)[..., None] for each in (np.cos(angle), np.sin(angle), x, height))
+    cosine, sine, x, height = (
+        np.asarray(each)[..., None] for each in (np.cos(angle), np.sin(angle), x, height)
+    )
     (along, up) = points.T
     return np.stack([x + cosine * along - sine * up, height + sine * along + cosine * up], axis=-1)
 
@@ -237,7 +265,9 @@ def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats, Floa
     begin, end = _edge(x, deep), _edge(x[:, ::-1], deep[:, ::-1])
     x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
     upper = np.interp(x, *tibia.T)
-    return np.stack([x, upper], axis=2), np.stack([x, np.minimum(lowest_at(femur, x), upper)], axis=2)
+    return np.stack([x, upper], axis=2), np.stack(
+        [x, np.minimum(lowest_at(femur, x), upper)], axis=2
+    )
 
 
 def lowest_at(outlines: Floats, x: Floats) -> Floats:
@@ -256,12 +286,22 @@ def _edge(x: Floats, deep: Floats) -> Floats:
     inside[:, SAMPLES // 2] = True
     after = inside.argmax(axis=1)
     over = np.maximum(deep[rows, after], 0.0)
-    under = np.where(after > 0, deep[rows, after - 1], -np.inf)  # before the first point: it is the end
-    return np.asarray(x[rows, after] + (x[:, 0] - x[:, 1]) * over / np.maximum(over - under, np.finfo(float).tiny))
+    under = np.where(
+        after > 0, deep[rows, after - 1], -np.inf
+    )  # before the first point: it is the end
+    return np.asarray(
+        x[rows, after]
+        + (x[:, 0] - x[:, 1]) * over / np.maximum(over - under, np.finfo(float).tiny)
+    )
 
 
 def _bone(
-    surface: Floats, thickness: float, up: float, shaft: Floats, ends: tuple[float, float], lean: float
+    surface: Floats,
+    thickness: float,
+    up: float,
+    shaft: Floats,
+    ends: tuple[float, float],
+    lean: float,
 ) -> tuple[Floats, Floats]:
     """Make the polygons of a bone and its cartilage; `surface` goes from posterior to anterior.
 
@@ -286,11 +326,15 @@ def _open(points: Floats) -> Floats:
     """Return a femoral outline from posterior to anterior; a closed one without the part that the shaft covers."""
     if np.allclose(points[0], points[-1]):
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        turn = np.mod(-np.arctan2(*(points[:-1] - middle).T), math.tau)  # from superior over posterior
+        turn = np.mod(
+            -np.arctan2(*(points[:-1] - middle).T), math.tau
+        )  # from superior over posterior
         order = np.argsort(turn)
         kept = (turn[order] > UNCOVERED) & (turn[order] < math.tau - UNCOVERED)
         return np.asarray(points[:-1][order][kept])
-    return points if turns(points).sum() > 0.0 else points[::-1]  # as from posterior over inferior to anterior
+    return (
+        points if turns(points).sum() > 0.0 else points[::-1]
+    )  # as from posterior over inferior to anterior
 
 
 def turns(points: Floats) -> Floats:
@@ -327,4 +371,6 @@ def _join(begin: Floats, begin_along: Floats, end: Floats, end_along: Floats) ->
     """Join two points with given directions by a smooth line, shape (JOIN_POINTS, 2)."""
     reach = np.linalg.norm(end - begin)
     slopes = [reach * _unit(along) for along in (begin_along, end_along)]
-    return np.asarray(CubicHermiteSpline([0.0, 1.0], [begin, end], slopes)(np.linspace(0.0, 1.0, JOIN_POINTS)))
+    return np.asarray(
+        CubicHermiteSpline([0.0, 1.0], [begin, end], slopes)(np.linspace(0.0, 1.0, JOIN_POINTS))
+    )

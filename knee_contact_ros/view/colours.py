@@ -36,10 +36,17 @@ APART: Colour = (150, 155, 165)
 
 OF_STATE = np.array([APART, CARTILAGE, BONE], dtype=np.uint8)
 """Colours by `ContactState`"""
-NAME_OF_STATE = {ContactState.SEPARATED: "apart", ContactState.CARTILAGE: "cartilage", ContactState.BONE: "bone"}
+NAME_OF_STATE = {
+    ContactState.SEPARATED: "apart",
+    ContactState.CARTILAGE: "cartilage",
+    ContactState.BONE: "bone",
+}
 
 
 KNEE_COLOURS: dict[str, Colour] = {
-    "blue": (75, 150, 235), "orange": (235, 115, 55), "green": (60, 165, 110), "violet": (165, 120, 225),
-}  # fmt: skip
+    "blue": (75, 150, 235),
+    "orange": (235, 115, 55),
+    "green": (60, 165, 110),
+    "violet": (165, 120, 225),
+}
 """Colours of the curves of the knees in a plot of several knees, used in turn"""

@@ -18,7 +18,14 @@ from rerun.blueprint.components import PlayState
 from knee_contact_ros.model.types import FIELDS, FLAT, Rows
 from knee_contact_ros.streams.topics import LATERAL
 from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
+from knee_contact_ros.view.anatomy import (
+    NEWTONS_PER_MM,
+    SURFACE_POINTS,
+    Floats,
+    KneeOutlines,
+    lowest_at,
+    placed,
+)
 
 TIMELINE = "stamp"
 """The one timeline: it has the ROS stamps"""
@@ -80,7 +87,14 @@ class Plot(NamedTuple):
 
 
 def single(
-    path: str, title: str, name: str, colour: colours.Colour, width: float, field: str, factor: float = 1.0, **more: Any
+    path: str,
+    title: str,
+    name: str,
+    colour: colours.Colour,
+    width: float,
+    field: str,
+    factor: float = 1.0,
+    **more: Any,
 ) -> Plot:
     """Plot of a single curve: a field of the answers, or of their readouts, times a factor."""
 
@@ -97,52 +111,187 @@ LAYER_COLOUR = colours.BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
 DEGREES = math.degrees(1.0)
 KNEE = (
-    single(FLEXION, "Flexion angle [deg]", "flexion angle [deg]", colours.ANGLE, 2.0, "flexion_angle", DEGREES),
-    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
-        Series("force - error [BW]", colours.BAND, 1.0,
-               lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
-        Series("force + error [BW]", colours.BAND, 1.0,
-               lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
-        Series("contact force [BW]", colours.FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
-        Series("load [BW]", colours.LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
-        Series("force - load [BW]", colours.LOAD, 1.0, lambda of, weight: (of["contact_force"] - of["load"]) / weight),
-    ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
-    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
-        Series("depth - error [mm]", colours.BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
-        Series("depth + error [mm]", colours.BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
-        Series("depth [mm]", colours.DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
-    )),
-)  # fmt: skip
+    single(
+        FLEXION,
+        "Flexion angle [deg]",
+        "flexion angle [deg]",
+        colours.ANGLE,
+        2.0,
+        "flexion_angle",
+        DEGREES,
+    ),
+    Plot(
+        FORCES,
+        "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]",
+        (
+            Series(
+                "force - error [BW]",
+                colours.BAND,
+                1.0,
+                lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight,
+            ),
+            Series(
+                "force + error [BW]",
+                colours.BAND,
+                1.0,
+                lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight,
+            ),
+            Series(
+                "contact force [BW]",
+                colours.FORCE,
+                3.0,
+                lambda answers, weight: answers["contact_force"] / weight,
+            ),
+            Series(
+                "load [BW]", colours.LOAD, 1.0, lambda answers, weight: answers["load"] / weight
+            ),
+            Series(
+                "force - load [BW]",
+                colours.LOAD,
+                1.0,
+                lambda of, weight: (of["contact_force"] - of["load"]) / weight,
+            ),
+        ),
+        title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]",
+    ),
+    Plot(
+        DEPTHS,
+        "Depth ± error, apart < 0 [mm]",
+        (
+            Series(
+                "depth - error [mm]",
+                colours.BAND,
+                1.0,
+                lambda of, _: MM * (_signed(of) - of["error_estimate"]),
+            ),
+            Series(
+                "depth + error [mm]",
+                colours.BAND,
+                1.0,
+                lambda of, _: MM * (_signed(of) + of["error_estimate"]),
+            ),
+            Series("depth [mm]", colours.DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
+        ),
+    ),
+)
 """Plots next to the sagittal plane"""
 SOLVER = (
-    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
-        Series("error of the force [N]", colours.FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
-        Series("error of the depth [µm]", colours.ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
-    ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
-    single("evaluations", "Contact law evaluations per tick", "evaluations per tick", colours.COST, 1.5, "evaluations",
-           steps=True),
-    single("latency", "Latency from load to answer [ms]", "latency [ms]", colours.ANGLE, 1.0, "latency", MM, live=True),
-)  # fmt: skip
+    Plot(
+        "error",
+        "Estimated errors: depth, violet [µm]; force, orange [N]",
+        (
+            Series(
+                "error of the force [N]",
+                colours.FORCE,
+                1.0,
+                lambda answers, _: answers["force_error_estimate"],
+            ),
+            Series(
+                "error of the depth [µm]",
+                colours.ERROR,
+                2.0,
+                lambda answers, _: MICRO * answers["error_estimate"],
+            ),
+        ),
+        title_of_several="Estimated errors: depth, thick [µm]; force [N]",
+    ),
+    single(
+        "evaluations",
+        "Contact law evaluations per tick",
+        "evaluations per tick",
+        colours.COST,
+        1.5,
+        "evaluations",
+        steps=True,
+    ),
+    single(
+        "latency",
+        "Latency from load to answer [ms]",
+        "latency [ms]",
+        colours.ANGLE,
+        1.0,
+        "latency",
+        MM,
+        live=True,
+    ),
+)
 """Plots in the last tab"""
 SHOWN = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", DEGREES)}
 """Unit in which a plot shows numbers, and the factor to it, by SI unit"""
 DETAILS = (
-    single(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", "anterior [mm]", colours.CARTILAGE, 2.0,
-           "contact_point_x", MM),
-    *(single(name, f"{field.plot} [{unit}]", f"{name.replace('_', ' ')} [{unit}]", colours.SLIP, 2.0, name, factor)
-      for name, field in FIELDS.items() if field.plot
-      for unit, factor in [SHOWN.get(field.unit, (field.unit, 1.0))]),
-    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
-        Series("mean pressure [MPa]", colours.BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
-        Series("peak pressure [MPa]", colours.FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
-    ), read_off=True),
-    single("patch", "Half-width of the contact patch [mm]", "half-width [mm]", colours.CARTILAGE, 2.0, "half_width", MM,
-           read_off=True),
-    single("strain", "Nominal strain of the cartilage [%]", "strain [%]", colours.DEPTH, 2.0, "strain", 100.0,
-           read_off=True),
-    single("loading_rate", "Loading rate [kN/s]", "loading rate [kN/s]", colours.SLIP, 1.0, "loading_rate", 1e-3,
-           read_off=True),
-)  # fmt: skip
+    single(
+        CONTACT_POINT,
+        "Contact point on the plateau, anterior > 0 [mm]",
+        "anterior [mm]",
+        colours.CARTILAGE,
+        2.0,
+        "contact_point_x",
+        MM,
+    ),
+    *(
+        single(
+            name,
+            f"{field.plot} [{unit}]",
+            f"{name.replace('_', ' ')} [{unit}]",
+            colours.SLIP,
+            2.0,
+            name,
+            factor,
+        )
+        for name, field in FIELDS.items()
+        if field.plot
+        for unit, factor in [SHOWN.get(field.unit, (field.unit, 1.0))]
+    ),
+    Plot(
+        "pressure",
+        "Contact pressure: peak, thick; mean [MPa]",
+        (
+            Series(
+                "mean pressure [MPa]",
+                colours.BAND,
+                1.5,
+                lambda read, _: MEGA * read["mean_pressure"],
+            ),
+            Series(
+                "peak pressure [MPa]",
+                colours.FORCE,
+                2.5,
+                lambda read, _: MEGA * read["peak_pressure"],
+            ),
+        ),
+        read_off=True,
+    ),
+    single(
+        "patch",
+        "Half-width of the contact patch [mm]",
+        "half-width [mm]",
+        colours.CARTILAGE,
+        2.0,
+        "half_width",
+        MM,
+        read_off=True,
+    ),
+    single(
+        "strain",
+        "Nominal strain of the cartilage [%]",
+        "strain [%]",
+        colours.DEPTH,
+        2.0,
+        "strain",
+        100.0,
+        read_off=True,
+    ),
+    single(
+        "loading_rate",
+        "Loading rate [kN/s]",
+        "loading rate [kN/s]",
+        colours.SLIP,
+        1.0,
+        "loading_rate",
+        1e-3,
+        read_off=True,
+    ),
+)
 """Plots in the second tab"""
 HEIGHT_DRIVEN = KNEE[1]._replace(
     title="Contact force ± error [BW of {weight} N]",
@@ -159,7 +308,10 @@ def _signed(answers: Rows) -> Floats:
 
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
     """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
-    plots = [HEIGHT_DRIVEN if plot.path == FORCES and drawing.height_prescribed else plot for plot in KNEE]
+    plots = [
+        HEIGHT_DRIVEN if plot.path == FORCES and drawing.height_prescribed else plot
+        for plot in KNEE
+    ]
     plots += [
         plot
         for plot in (*DETAILS, *SOLVER)
@@ -201,12 +353,14 @@ def frame_of(drawing: KneeOutlines) -> Frame:
     shaft = knee.femur_bone[knee.femur_bone[:, 1] > knee.femur_bone[:, 1].max() - 1e-6]
     length = 0.09 * (right - left)
     return Frame(
-        (left, right), (-top, -bottom),
-        axes=(left + word, floor), axis_length=length,
+        (left, right),
+        (-top, -bottom),
+        axes=(left + word, floor),
+        axis_length=length,
         scale=(right - margin - SCALE_BAR, floor),
         femur_name=(MM * float(shaft[:, 0].mean()), -MM * float(shaft[0, 1]) + word),
         tibia_name=(MM * float(knee.tibia_bone[:, 0].mean()), floor - 0.5 * word),
-    )  # fmt: skip
+    )
 
 
 def _touching(drawing: KneeOutlines, angle: float) -> Floats:
@@ -214,7 +368,9 @@ def _touching(drawing: KneeOutlines, angle: float) -> Floats:
     knee = drawing.anatomy
     femur = placed(knee.femur_cartilage[:SURFACE_POINTS], angle, 0.0, 0.0)
     x, y = knee.tibia_cartilage[:SURFACE_POINTS].T
-    return placed(knee.femur_bone, angle, 0.0, -float((lowest_at(femur[None], x[None])[0] - y).min()))
+    return placed(
+        knee.femur_bone, angle, 0.0, -float((lowest_at(femur[None], x[None])[0] - y).min())
+    )
 
 
 def bounds_of(drawings: Sequence[KneeOutlines]) -> rrb.VisualBounds2D:
@@ -225,7 +381,9 @@ def bounds_of(drawings: Sequence[KneeOutlines]) -> rrb.VisualBounds2D:
     return rrb.VisualBounds2D(x_range=x, y_range=y)
 
 
-def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
+def blueprint(
+    drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False
+) -> rrb.Blueprint:
     """Make the layout for knees, with or without a plot of the latency; with `follow` it shows the newest answers."""
     bounds = bounds_of(drawings)
     planes = [_plane(drawing, bounds, len(drawings) > 1) for drawing in drawings]
@@ -235,9 +393,13 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
         for plots in (KNEE, DETAILS, SOLVER)
     )
     first = drawings[0].knee
-    explained = max(drawings, key=lambda one: (one.rings, one.has_bone))  # the one with most to tell
+    explained = max(
+        drawings, key=lambda one: (one.rings, one.has_bone)
+    )  # the one with most to tell
     about = rrb.TextDocumentView(origin=f"{explained.knee}/{ABOUT}", name="What you see")
-    walking = [one.knee for one in drawings if not one.knee.endswith(LATERAL)][:ABREAST]  # both compartments walk alike
+    walking = [one.knee for one in drawings if not one.knee.endswith(LATERAL)][
+        :ABREAST
+    ]  # both compartments walk alike
     gait = _states(walking or [first], [GAIT], "Stance, shaded, and swing", follow)
     words = ": contact and level" if len(drawings) <= ABREAST else ""
     states = [_states([one.knee], [CONTACT, LEVEL], one.knee + words, follow) for one in drawings]
@@ -261,7 +423,9 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
             ),
         ),
         rrb.TimePanel(
-            timeline=TIMELINE, state="collapsed", play_state=PlayState.Following if follow else PlayState.Paused
+            timeline=TIMELINE,
+            state="collapsed",
+            play_state=PlayState.Following if follow else PlayState.Paused,
         ),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -285,7 +449,11 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
         if plot.path in {one.path for one in plots_of(drawing, latency=True)}
     ]
     full = f"{title}: {', '.join(names)}"
-    return full if len(full) <= LONGEST_TITLE or plot.path == FLEXION else f"{title}: colours as for flexion"
+    return (
+        full
+        if len(full) <= LONGEST_TITLE or plot.path == FLEXION
+        else f"{title}: colours as for flexion"
+    )
 
 
 def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
@@ -298,13 +466,17 @@ def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
 def _plane(drawing: KneeOutlines, bounds: rrb.VisualBounds2D, several: bool) -> rrb.Spatial2DView:
     """Make the view of a knee's sagittal plane."""
     camera, cursor = f"{drawing.knee}/{CAMERA}", rrb.TimeRangeBoundary.cursor_relative
-    recent = rrb.VisibleTimeRange(TIMELINE, start=cursor(seconds=-PATH_SPAN), end=cursor(seconds=0.0))
+    recent = rrb.VisibleTimeRange(
+        TIMELINE, start=cursor(seconds=-PATH_SPAN), end=cursor(seconds=0.0)
+    )
     return rrb.Spatial2DView(
-        origin=camera, contents=["$origin/**", f"{rr.new_entity_path([drawing.knee, BODY])}/**"],
-        name=plane_title(drawing, several), background=colours.BACKGROUND,
+        origin=camera,
+        contents=["$origin/**", f"{rr.new_entity_path([drawing.knee, BODY])}/**"],
+        name=plane_title(drawing, several),
+        background=colours.BACKGROUND,
         visual_bounds=bounds,
         overrides={f"{camera}/{PATH}": rrb.VisibleTimeRanges([recent])},
-    )  # fmt: skip
+    )
 
 
 def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.TimeSeriesView:
@@ -316,26 +488,40 @@ def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.Tim
     ]
     legend = rrb.PlotLegend(visible=False)  # it would cover curves; the title tells the colours
     return rrb.TimeSeriesView(
-        origin="/", contents=contents, name=title_of(drawings, plot), axis_x=_time_axis(follow), plot_legend=legend
+        origin="/",
+        contents=contents,
+        name=title_of(drawings, plot),
+        axis_x=_time_axis(follow),
+        plot_legend=legend,
     )
 
 
 def _leg(drawing: KneeOutlines) -> rrb.Spatial3DView:
     """Make the view of a knee's leg in space, from its right side, y up."""
-    eye = rrb.EyeControls3D(position=(0.0, 0.0, 0.9), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0))
+    eye = rrb.EyeControls3D(
+        position=(0.0, 0.0, 0.9), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0)
+    )
     name = f"{drawing.knee}: leg and contact force"
-    return rrb.Spatial3DView(origin=f"{drawing.knee}/{LEG}", name=name, eye_controls=eye, line_grid=False)
+    return rrb.Spatial3DView(
+        origin=f"{drawing.knee}/{LEG}", name=name, eye_controls=eye, line_grid=False
+    )
 
 
-def _states(knees: Sequence[str], paths: Sequence[str], name: str, follow: bool) -> rrb.StateTimelineView:
+def _states(
+    knees: Sequence[str], paths: Sequence[str], name: str, follow: bool
+) -> rrb.StateTimelineView:
     """Make a view of some states of knees."""
     contents = [rr.new_entity_path([knee, STATES, path]) for knee in knees for path in paths]
-    return rrb.StateTimelineView(origin="/", contents=contents, name=name, time_view=_time_axis(follow))
+    return rrb.StateTimelineView(
+        origin="/", contents=contents, name=name, time_view=_time_axis(follow)
+    )
 
 
 def _events(knee: str) -> rrb.TextLogView:
     """Make the view of a knee's events."""
-    stamp = rrb.encodings.TimelineColumn(TIMELINE, visible=False)  # too narrow to be read; the text tells the time
+    stamp = rrb.encodings.TimelineColumn(
+        TIMELINE, visible=False
+    )  # too narrow to be read; the text tells the time
     columns = rrb.TextLogColumns(timeline_columns=[stamp], text_log_columns=["Body"])
     return rrb.TextLogView(origin=f"{knee}/{EVENTS}", name=f"{knee}: events", columns=columns)
 
@@ -353,7 +539,9 @@ def about(drawing: KneeOutlines) -> str:
         "- **grey band** below the curves: stance, from heel strike to toe-off",
     ]
     if drawing.rings:
-        lines.append("- **ripple** in force and depth: the first layer of this contact law has no damping, and rings")
+        lines.append(
+            "- **ripple** in force and depth: the first layer of this contact law has no damping, and rings"
+        )
     return "\n".join(lines)
 
 
@@ -362,4 +550,6 @@ def _time_axis(follow: bool) -> rrb.TimeAxis:
     if not follow:
         return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     cursor = rrb.TimeRangeBoundary.cursor_relative
-    return rrb.TimeAxis(view_range=rrb.TimeRange(start=cursor(seconds=-LIVE_SPAN), end=cursor(seconds=0.0)))
+    return rrb.TimeAxis(
+        view_range=rrb.TimeRange(start=cursor(seconds=-LIVE_SPAN), end=cursor(seconds=0.0))
+    )

@@ -24,7 +24,14 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, Ending, knee_name
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import not_installed
-from knee_contact_ros.system.processes import LOCALHOST, Process, free_port, kept, refuse_taken, start
+from knee_contact_ros.system.processes import (
+    LOCALHOST,
+    Process,
+    free_port,
+    kept,
+    refuse_taken,
+    start,
+)
 from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, drawings_of
 
 if TYPE_CHECKING:
@@ -80,11 +87,17 @@ def sink_for(knee: Knee) -> Sink | None:
     arguments = path, drawings, rerun.port, rerun.mode == "spawn", knees
     kind = "Rerun recording" if path else f"Rerun scene on port {rerun.port}"
     gather = FILE_GATHER if path else LIVE_GATHER
-    return Sink("viewer", kind, str(path or ""), __name__, arguments, "row", True, NICENESS, gather)
+    return Sink(
+        "viewer", kind, str(path or ""), __name__, arguments, "row", True, NICENESS, gather
+    )
 
 
 def open_output(
-    path: Path | None, own: Sequence[KneeOutlines], port: int = 0, spawn: bool = False, knees: Sequence[str] = ()
+    path: Path | None,
+    own: Sequence[KneeOutlines],
+    port: int = 0,
+    spawn: bool = False,
+    knees: Sequence[str] = (),
 ) -> Viewer:
     """Open the output for a knee of one or two compartments: a file, or a server if there is no `path`.
 
@@ -117,7 +130,10 @@ def open_output(
         drawings = [known.get(name, own[0]._replace(knee=name)) for name in among]
         recording = serve(port, drawings, "+".join(knees) or None)
         window = Window(address(port)) if spawn else None
-    scenes = [Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, among=among) for one in own]
+    scenes = [
+        Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, among=among)
+        for one in own
+    ]
     return Viewer(recording, scenes, file, remarks, window)
 
 
@@ -125,9 +141,13 @@ class Viewer:
     """An output (see `streams/output.py`) that shows answers in batches."""
 
     def __init__(
-        self, recording: Any, scenes: Sequence[Scene], file: RerunFile | None, remarks: Sequence[str],
+        self,
+        recording: Any,
+        scenes: Sequence[Scene],
+        file: RerunFile | None,
+        remarks: Sequence[str],
         window: Window | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Show each compartment in one of the `scenes`, which write to Rerun's `recording`, perhaps one in a `file`.
 
         `remarks` are messages to the user about the opening, and `window` is the viewer on this machine, if one was
@@ -209,7 +229,11 @@ class RerunFile:
     """
 
     def __init__(
-        self, path: Path, drawings: Sequence[KneeOutlines], latency: bool = False, overwrite: bool = False
+        self,
+        path: Path,
+        drawings: Sequence[KneeOutlines],
+        latency: bool = False,
+        overwrite: bool = False,
     ) -> None:
         """Open a file for these knees; `latency` says whether their answers have latencies.
 
@@ -223,7 +247,10 @@ class RerunFile:
         self.path = path
         """Name of the file, which may change when it is complete"""
         self._overwrite = overwrite
-        self._partial, self._file = output_files.partial_name(path), output_files.claim(path, overwrite)
+        self._partial, self._file = (
+            output_files.partial_name(path),
+            output_files.claim(path, overwrite),
+        )
         self._error: OSError | None = None
         self._source, sink = os.pipe()
         self._thread = Thread(target=self._copy, name="Rerun file", daemon=True)
@@ -285,7 +312,9 @@ class Window:
         refuse_blind("parameter rerun.mode can be serve or file")
         self._address = address
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
-        self._process: Process | None = start(connect_command([address]), self._log, start_new_session=True)
+        self._process: Process | None = start(
+            connect_command([address]), self._log, start_new_session=True
+        )
 
     def news(self) -> tuple[str, ...]:
         """Return a message that the viewer has ended, once."""

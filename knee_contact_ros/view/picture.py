@@ -26,9 +26,16 @@ MAGNIFICATION = 10.0
 NAME_INSIDE = {"femur": 11.0, "tibia": 4.0}
 """Distances [mm] of the bones' names from the ends of their shafts"""
 GRAPHS: dict[str, Any] = {
-    "font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False, "legend.fontsize": 8.5,
-}  # fmt: skip
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.92",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+}
 """Style of pictures with curves"""
 
 
@@ -42,11 +49,15 @@ def drawn(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> Itera
         figure = Figure(figsize=size, layout="constrained")
         yield figure
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name; a box is drawn instead
+            warnings.filterwarnings(
+                "ignore", "Glyph .* missing"
+            )  # of a name; a box is drawn instead
             figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
 
 
-def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: float, body_weight: float) -> None:
+def draw_knee(
+    axis: Any, model: KneeModel, angle: float, height: float, force: float, body_weight: float
+) -> None:
     """Draw femur and tibia with their cartilage, the magnified overlap, the force on the femur, directions, a scale.
 
     The knee has a flexion angle [rad], a femoral height [m] and a contact force [N]; the body weight is in N.
@@ -54,8 +65,9 @@ def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: f
     picture = picture_of(model, angle, height)
     contact, normal = MM * np.array(picture.contact_point), np.array(picture.normal)
     for bone, cartilage in (
-        (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
-    ):  # fmt: skip
+        (picture.tibia_bone, picture.tibia_cartilage),
+        (picture.femur_bone, picture.femur_cartilage),
+    ):
         fill(axis, MM * bone, BONE)
         fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
     layer = min(model.cartilage_thickness, model.law.thickness)
@@ -74,14 +86,32 @@ def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: f
     told = f"{force / body_weight:.2f} BW\n({force:.0f} N)"
     axis.text(end[0], end[1] + 1.0, told, color=FORCE, va="bottom", **style)
     depth = MM * picture.depth
-    words = f"{depth:.3f} mm deep\n(drawn × {MAGNIFICATION:g})" if depth > 0.0 else f"{-depth:.3f} mm apart"
-    below = np.maximum(contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal, (left, bottom))  # within the picture
-    axis.text(*below, words, color=INK, va="top", **style | {"fontsize": 7.5, "fontweight": "normal"})
+    words = (
+        f"{depth:.3f} mm deep\n(drawn × {MAGNIFICATION:g})"
+        if depth > 0.0
+        else f"{-depth:.3f} mm apart"
+    )
+    below = np.maximum(
+        contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal, (left, bottom)
+    )  # within the picture
+    axis.text(
+        *below, words, color=INK, va="top", **style | {"fontsize": 7.5, "fontweight": "normal"}
+    )
     up = (-math.sin(angle), math.cos(angle))
-    for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
+    for text, bone, shaft in (
+        ("femur", picture.femur_bone, up),
+        ("tibia", picture.tibia_bone, (0.0, -1.0)),
+    ):
         along = np.array(shaft)
         end = MM * bone[np.argsort((MM * bone - contact) @ along)[-2:]].mean(axis=0)
-        axis.text(*(end - NAME_INSIDE[text] * along), text, color=QUIET, ha="center", va="center", fontsize=9)
+        axis.text(
+            *(end - NAME_INSIDE[text] * along),
+            text,
+            color=QUIET,
+            ha="center",
+            va="center",
+            fontsize=9,
+        )
     y, style = bottom - 6.0, {"color": QUIET, "fontsize": 8.5, "va": "center"}
     axis.text(left, y, "anterior →", ha="left", **style)
     axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")
@@ -92,7 +122,9 @@ def magnified(picture: Picture, most: float, least: float = 0.0) -> Floats:
     """Return the polygon [m] of the overlap from a depth to a deeper one [m], its depth magnified along the normal."""
     upper, lower = np.split(picture.overlap, 2)
     depth, normal = (upper - lower[::-1])[:, 1:] * picture.normal[1], np.array(picture.normal)
-    top, bottom = (upper - MAGNIFICATION * np.minimum(depth, end) * normal for end in (least, most))
+    top, bottom = (
+        upper - MAGNIFICATION * np.minimum(depth, end) * normal for end in (least, most)
+    )
     deep = depth[:, 0] > least
     return np.concatenate([top[deep], bottom[deep][::-1]])
 

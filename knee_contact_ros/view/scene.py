@@ -27,7 +27,15 @@ from knee_contact_ros.streams.strides import Stride, Strides
 from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK, THIGH
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view import colours, layout
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed, turns
+from knee_contact_ros.view.anatomy import (
+    NEWTONS_PER_MM,
+    POINTS,
+    Floats,
+    KneeOutlines,
+    overlaps,
+    placed,
+    turns,
+)
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
 from knee_contact_ros.view.layout import MAGNIFICATION, MM, SCALE_BAR
 
@@ -52,8 +60,13 @@ BELOW, BELOW_FORCE = 1.0, 7.0
 FORCE_WITHIN = 0.8
 """Largest distance from the contact to the force's word, in extents of the femur: there is bone behind it"""
 FEMUR, POINT, OVERLAP, ARROW, FORCE_NAME, DEPTH = (
-    "femur", "contact_point", "overlap", "contact_force_on_femur", "contact_force", "depth"
-)  # fmt: skip
+    "femur",
+    "contact_point",
+    "overlap",
+    "contact_force_on_femur",
+    "contact_force",
+    "depth",
+)
 LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 """Names of the levels, by `Fidelity`"""
 LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
@@ -63,9 +76,10 @@ NO_PHASE = "no stride yet"
 """Before the first of these events"""
 PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40)]
 STATES: dict[str, tuple[Sequence[str], Any]] = {
-    layout.CONTACT: ([*NAME_OF_STATE.values()], colours.OF_STATE.tolist()), layout.LEVEL: (LEVEL_NAMES, LEVEL_COLOURS),
+    layout.CONTACT: ([*NAME_OF_STATE.values()], colours.OF_STATE.tolist()),
+    layout.LEVEL: (LEVEL_NAMES, LEVEL_COLOURS),
     layout.GAIT: ([*PHASES.values(), NO_PHASE], PHASE_COLOURS),
-}  # fmt: skip
+}
 """Names and colours of the states, by their path under `KNEE/states`"""
 LEG_SCALE = 1e-4
 """Length of the force's arrow in space by the force [m/N]"""
@@ -96,9 +110,14 @@ class Scene:
     """Writes a knee's answers into a Rerun recording."""
 
     def __init__(
-        self, recording: rr.RecordingStream, drawing: KneeOutlines, latency: bool = False, pause: float = 0.0,
-        forgetful: bool = False, among: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+        self,
+        recording: rr.RecordingStream,
+        drawing: KneeOutlines,
+        latency: bool = False,
+        pause: float = 0.0,
+        forgetful: bool = False,
+        among: Sequence[str] = (),
+    ) -> None:
         """Write the parts of the scene that do not change.
 
         Args:
@@ -109,7 +128,12 @@ class Scene:
             forgetful: Whether old data is dropped, so that states must be repeated.
             among: Names of all knees in the scene, for the colours of their curves if there are several.
         """
-        self._recording, self._drawing, self._pause, self._forgetful = recording, drawing, pause, forgetful
+        self._recording, self._drawing, self._pause, self._forgetful = (
+            recording,
+            drawing,
+            pause,
+            forgetful,
+        )
         self._plots, self._among = layout.plots_of(drawing, latency), among
         self._layer, self._law_known = drawing.second_layer, True
         self._pictures, self._remarks = Pictures(), Remarks(drawing.body_weight)
@@ -122,9 +146,15 @@ class Scene:
     def show(self, answers: Rows) -> None:
         """Write answers, at least one."""
         stamps = answers["stamp"]
-        if not self._count:  # the first stamp decides whether the timeline shows dates or durations
+        if (
+            not self._count
+        ):  # the first stamp decides whether the timeline shows dates or durations
             self._last_stamp, self._dated = int(stamps[0]), bool(stamps[0] >= DATES_FROM)
-            self._send(f"{layout.STATES}/{layout.GAIT}", stamps[:1], rr.StateChange.columns(state=[NO_PHASE]))
+            self._send(
+                f"{layout.STATES}/{layout.GAIT}",
+                stamps[:1],
+                rr.StateChange.columns(state=[NO_PHASE]),
+            )
         self._write_events(self._noted())
         self._count, self._last_stamp = self._count + len(answers), int(stamps[-1])
         self._write_curves(answers, self._read_off(answers))
@@ -133,8 +163,9 @@ class Scene:
             drawn = answers[chosen]
             for root, moving in (
                 (layout.BODY, moving_plane(self._drawing, drawn, self._layer)),
-                (layout.CAMERA, moving_marks(self._drawing, drawn)), (layout.LEG, moving_leg(self._drawing, drawn)),
-            ):  # fmt: skip
+                (layout.CAMERA, moving_marks(self._drawing, drawn)),
+                (layout.LEG, moving_leg(self._drawing, drawn)),
+            ):
                 for path, columns in moving:
                     self._send(f"{root}/{path}", drawn["stamp"], columns)
         for path, field in ((layout.CONTACT, "contact_state"), (layout.LEVEL, "fidelity")):
@@ -152,7 +183,10 @@ class Scene:
         """Write the last events; curves of a single answer become points."""
         if self._count == 1:
             for path, names, tints, _ in self._styles():
-                self._keep(f"{layout.CURVES}/{path}", rr.SeriesPoints(names=names, colors=tints, marker_sizes=[SINGLE]))
+                self._keep(
+                    f"{layout.CURVES}/{path}",
+                    rr.SeriesPoints(names=names, colors=tints, marker_sizes=[SINGLE]),
+                )
         if self._count:
             self._write_events([*self._noted(), *self._remarks.finish()])
             if not self._has_events:
@@ -182,25 +216,46 @@ class Scene:
         drawing, steps = self._drawing, {plot.path for plot in self._plots if plot.steps}
         step = rr.components.InterpolationMode.StepAfter
         curves = [
-            (path, rr.SeriesLines(
-                names=names, colors=tints, widths=widths, interpolation_mode=step if path in steps else None
-            ))
+            (
+                path,
+                rr.SeriesLines(
+                    names=names,
+                    colors=tints,
+                    widths=widths,
+                    interpolation_mode=step if path in steps else None,
+                ),
+            )
             for path, names, tints, widths in self._styles()
-        ]  # fmt: skip
-        states = [(path, rr.StateConfiguration(values=names, colors=tints)) for path, (names, tints) in STATES.items()]
+        ]
+        states = [
+            (path, rr.StateConfiguration(values=names, colors=tints))
+            for path, (names, tints) in STATES.items()
+        ]
         # A millimetre at the camera's distance is one on the screen.
-        camera = rr.Pinhole(focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
+        camera = rr.Pinhole(
+            focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0)
+        )
         self._keep(layout.CAMERA, camera)
-        self._keep(layout.ABOUT, rr.TextDocument(layout.about(drawing), media_type=rr.MediaType.MARKDOWN))
+        self._keep(
+            layout.ABOUT, rr.TextDocument(layout.about(drawing), media_type=rr.MediaType.MARKDOWN)
+        )
         frame = rr.CoordinateFrame(f"{drawing.knee}/{SHANK}")
         self._keep(layout.LEG, frame)
-        tree = UrdfTree.from_file_path(share_folder() / LEG_URDF, drawing.knee, frame_prefix=f"{drawing.knee}/")
+        tree = UrdfTree.from_file_path(
+            share_folder() / LEG_URDF, drawing.knee, frame_prefix=f"{drawing.knee}/"
+        )
         tree.log_urdf_to_recording(self._recording)
-        leg = [(ARROW, frame), (ARROW, rr.Arrows3D.from_fields(colors=[colours.FORCE], radii=[2e-3]))]
+        leg = [
+            (ARROW, frame),
+            (ARROW, rr.Arrows3D.from_fields(colors=[colours.FORCE], radii=[2e-3])),
+        ]
         for root, parts in (
-            (layout.BODY, still_plane(drawing)), (layout.CAMERA, still_marks(drawing)), (layout.CURVES, curves),
-            (layout.STATES, states), (layout.LEG, leg),
-        ):  # fmt: skip
+            (layout.BODY, still_plane(drawing)),
+            (layout.CAMERA, still_marks(drawing)),
+            (layout.CURVES, curves),
+            (layout.STATES, states),
+            (layout.LEG, leg),
+        ):
             for path, what in parts:
                 self._keep(f"{root}/{path}", what)
 
@@ -220,10 +275,17 @@ class Scene:
         stamps = answers["stamp"]
         for plot in self._plots:
             source: Any = read if plot.read_off else answers
-            values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
+            values = np.stack(
+                [series.values(source, self._drawing.body_weight) for series in plot.series],
+                axis=1,
+            )
             known = np.isfinite(values[:, 0]) | (not plot.read_off)
             if known.any():
-                self._send(f"{layout.CURVES}/{plot.path}", stamps[known], rr.Scalars.columns(scalars=values[known]))
+                self._send(
+                    f"{layout.CURVES}/{plot.path}",
+                    stamps[known],
+                    rr.Scalars.columns(scalars=values[known]),
+                )
         if math.isfinite(self._layer):
             level = rr.Scalars.columns(scalars=[MM * self._layer] * 2)
             self._send(f"{layout.CURVES}/{layout.LAYER}", stamps[[0, -1]], level)
@@ -236,18 +298,28 @@ class Scene:
             changes = np.union1d(changes, len(states) - 1)
         if len(changes):
             texts = [STATES[path][0][state] for state in states[changes].tolist()]
-            self._send(f"{layout.STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
+            self._send(
+                f"{layout.STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts)
+            )
 
     def _write_events(self, remarks: Sequence[Remark]) -> None:
         """Write remarks as lines of the events."""
         if remarks:
             self._has_events = True
             stamps, texts, levels, _ = zip(*remarks, strict=True)
-            lines = [f"{self._clock(stamp)}  {text}" for stamp, text in zip(stamps, texts, strict=True)]
-            self._send(layout.EVENTS, np.array(stamps), rr.TextLog.columns(text=lines, level=levels))
+            lines = [
+                f"{self._clock(stamp)}  {text}" for stamp, text in zip(stamps, texts, strict=True)
+            ]
+            self._send(
+                layout.EVENTS, np.array(stamps), rr.TextLog.columns(text=lines, level=levels)
+            )
         if begun := [(remark.stamp, remark.phase) for remark in remarks if remark.phase]:
             stamps, phases = zip(*begun, strict=True)
-            self._send(f"{layout.STATES}/{layout.GAIT}", np.array(stamps), rr.StateChange.columns(state=phases))
+            self._send(
+                f"{layout.STATES}/{layout.GAIT}",
+                np.array(stamps),
+                rr.StateChange.columns(state=phases),
+            )
 
     def _clock(self, stamp: int) -> str:
         """Return a stamp [ns] as text, as the timeline shows it."""
@@ -261,9 +333,13 @@ class Scene:
 
     def _send(self, path: str, stamps: Any, columns: Any) -> None:
         """Send columns with their stamps [ns] to an entity of the knee."""
-        name, kind = ("timestamp", "datetime64[ns]") if self._dated else ("duration", "timedelta64[ns]")
+        name, kind = (
+            ("timestamp", "datetime64[ns]") if self._dated else ("duration", "timedelta64[ns]")
+        )
         times = rr.TimeColumn(layout.TIMELINE, **{name: stamps.astype(kind)})
-        self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[times], columns=columns)
+        self._recording.send_columns(
+            f"{self._drawing.knee}/{path}", indexes=[times], columns=columns
+        )
         if self._pause:
             time.sleep(self._pause)
 
@@ -289,15 +365,35 @@ def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
         ("tibia", "tibial cartilage", knee.tibia_bone, knee.tibia_cartilage, colours.TIBIA),
         (FEMUR, "femoral cartilage", knee.femur_bone, knee.femur_cartilage, colours.FEMUR),
     ):
-        for path, polygon, place, paint in (("bone", bone, name, colour), ("cartilage", cover, layer, colours.COVER)):
+        for path, polygon, place, paint in (
+            ("bone", bone, name, colour),
+            ("cartilage", cover, layer, colours.COVER),
+        ):
             vertices, corners = _in_space(polygon * ON_SCREEN, place), triangles_of(polygon)
-            yield f"{name}/{path}", rr.Mesh3D(vertex_positions=vertices, triangle_indices=corners, albedo_factor=paint)
-        edges = [_in_space(ON_SCREEN * np.concatenate([shape, shape[:1]]), "edge") for shape in (bone, cover)]
-        yield f"{name}/edges", rr.LineStrips3D(edges, colors=[colours.EDGE, colours.COVER], radii=[THIN])
+            yield (
+                f"{name}/{path}",
+                rr.Mesh3D(
+                    vertex_positions=vertices, triangle_indices=corners, albedo_factor=paint
+                ),
+            )
+        edges = [
+            _in_space(ON_SCREEN * np.concatenate([shape, shape[:1]]), "edge")
+            for shape in (bone, cover)
+        ]
+        yield (
+            f"{name}/edges",
+            rr.LineStrips3D(edges, colors=[colours.EDGE, colours.COVER], radii=[THIN]),
+        )
     paints = [colours.CARTILAGE, colours.CARTILAGE, *([colours.BONE] if drawing.has_bone else [])]
-    near = np.arange(POINTS - 1)[:, None]  # a band between two rows of points, which follow each other
-    band = np.concatenate([near + np.array([0, 1, POINTS]), near + np.array([POINTS, 1, POINTS + 1])])
-    indices = np.concatenate([band + 2 * POINTS * number for number in range(len(paints))]).astype(np.uint32)
+    near = np.arange(POINTS - 1)[
+        :, None
+    ]  # a band between two rows of points, which follow each other
+    band = np.concatenate(
+        [near + np.array([0, 1, POINTS]), near + np.array([POINTS, 1, POINTS + 1])]
+    )
+    indices = np.concatenate([band + 2 * POINTS * number for number in range(len(paints))]).astype(
+        np.uint32
+    )
     tints = np.array(paints, dtype=np.uint8).repeat(2 * POINTS, axis=0)
     yield OVERLAP, rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=tints)
 
@@ -305,13 +401,20 @@ def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
 def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     """Yield paths and data of the marks in front of the knee, as far as they do not change."""
 
-    def word(place: Any, text: str, colour: Colour = colours.TEXT) -> rr.Points2D:  # below a place on the screen [mm]
-        return rr.Points2D([place], labels=[text], colors=[colour], radii=[UNSEEN], show_labels=True)
+    def word(
+        place: Any, text: str, colour: Colour = colours.TEXT
+    ) -> rr.Points2D:  # below a place on the screen [mm]
+        return rr.Points2D(
+            [place], labels=[text], colors=[colour], radii=[UNSEEN], show_labels=True
+        )
 
     frame = layout.frame_of(drawing)
     corner, length = np.array(frame.axes), frame.axis_length
     ends = np.array([[length, 0.0], [0.0, -length]])
-    yield "axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[colours.TEXT], radii=[LINE])
+    yield (
+        "axes",
+        rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[colours.TEXT], radii=[LINE]),
+    )
     yield "axes/anterior", word(corner + 1.1 * ends[0], "anterior")
     yield "axes/superior", word(corner + ends[1] - [0.0, ABOVE_AXIS], "superior")
     bar = np.array([frame.scale, frame.scale]) + np.array([[0.0, 0.0], [SCALE_BAR, 0.0]])
@@ -320,16 +423,24 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     yield "tibia/name", word(frame.tibia_name, "tibia", colours.INK)
     yield f"{FEMUR}/name", word(frame.femur_name, "femur", colours.INK)
     yield POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP)
-    yield layout.PATH, rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE)
+    yield (
+        layout.PATH,
+        rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE),
+    )
     yield ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[WIDE])
-    yield FORCE_NAME, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
+    yield (
+        FORCE_NAME,
+        rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True),
+    )
     yield DEPTH, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
 
 
 def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of poses and overlaps, at least one; the second layer begins at the depth `layer` [m]."""
     yield FEMUR, _pose(answers)
-    femur = placed(drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"])
+    femur = placed(
+        drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"]
+    )
     rows = [*overlaps(femur, drawing.tibia, answers["contact_point"]["x"])]
     normal = np.stack([answers["normal_x"], answers["normal_y"]], axis=1)
     depth = (rows[0] - rows[1])[..., 1] * normal[:, None, 1]
@@ -337,23 +448,40 @@ def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator
     ends = [0.0 * depth, *([np.minimum(depth, layer)] * 2 if drawing.has_bone else []), depth]
     rows += [rows[0] - MAGNIFICATION * end[..., None] * normal[:, None] for end in ends]
     vertices = _in_space((np.stack(rows, axis=1) * ON_SCREEN).reshape(-1, 2), "overlap")
-    yield OVERLAP, rr.Mesh3D.columns(vertex_positions=vertices).partition(np.full(len(answers), len(rows) * POINTS))
+    yield (
+        OVERLAP,
+        rr.Mesh3D.columns(vertex_positions=vertices).partition(
+            np.full(len(answers), len(rows) * POINTS)
+        ),
+    )
 
 
 def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of the marks in front of the knee, of at least one picture."""
     yield FEMUR, _pose(answers)
-    point = np.stack([answers["contact_point"]["x"], answers["contact_point"]["y"]], axis=1) * ON_SCREEN
+    point = (
+        np.stack([answers["contact_point"]["x"], answers["contact_point"]["y"]], axis=1)
+        * ON_SCREEN
+    )
     tints = colours.OF_STATE[answers["contact_state"].astype(int)]
     yield POINT, rr.Points2D.columns(positions=point, colors=tints)
     yield layout.PATH, rr.Points2D.columns(positions=point)
     force = answers["contact_force"]
-    arrow = force[:, None] / NEWTONS_PER_MM * np.stack([answers["normal_x"], -answers["normal_y"]], axis=1)
+    arrow = (
+        force[:, None]
+        / NEWTONS_PER_MM
+        * np.stack([answers["normal_x"], -answers["normal_y"]], axis=1)
+    )
     yield ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow)
     weight = drawing.body_weight
-    labels = [f"{newtons:.0f} N\n{newtons / weight:.2f} BW" if newtons else "0 N" for newtons in force.tolist()]
+    labels = [
+        f"{newtons:.0f} N\n{newtons / weight:.2f} BW" if newtons else "0 N"
+        for newtons in force.tolist()
+    ]
     farthest = FORCE_WITHIN * MM * float(np.ptp(drawing.femur[:, 0]))
-    place = point + np.minimum(1.0, farthest / np.maximum(np.hypot(*arrow.T), 1e-9))[:, None] * arrow
+    place = (
+        point + np.minimum(1.0, farthest / np.maximum(np.hypot(*arrow.T), 1e-9))[:, None] * arrow
+    )
     # Apart, the word stands on the tibia: there may be no bone above it.
     place[~(answers["gap"] > 0.0), 1] -= ABOVE_FORCE
     yield FORCE_NAME, rr.Points2D.columns(positions=place, labels=labels)
@@ -361,7 +489,9 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
     below = point.copy()
     below[:, 1] += np.where(depths > 0.0, MAGNIFICATION * depths + BELOW, BELOW_FORCE)
     labels = [
-        f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
+        f"{gap:.2f} mm apart"
+        if depth <= 0.0
+        else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
         for depth, gap in zip(depths.tolist(), gaps.tolist(), strict=True)
     ]
     yield DEPTH, rr.Points2D.columns(positions=below, labels=labels)
@@ -370,20 +500,31 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
 def moving_leg(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of the leg in space [m], tibia frame: where the thigh is, and the force on the femur."""
     zero, half = np.zeros(len(answers)), 0.5 * answers["flexion_angle"]
-    yield "thigh", rr.Transform3D.columns(
-        translation=np.stack([answers["femoral_x"], answers["femoral_height"], zero], axis=1),
-        quaternion=np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1),
-        parent_frame=[f"{drawing.knee}/{SHANK}"] * len(answers), child_frame=[f"{drawing.knee}/{THIGH}"] * len(answers),
-    )  # fmt: skip
+    yield (
+        "thigh",
+        rr.Transform3D.columns(
+            translation=np.stack([answers["femoral_x"], answers["femoral_height"], zero], axis=1),
+            quaternion=np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1),
+            parent_frame=[f"{drawing.knee}/{SHANK}"] * len(answers),
+            child_frame=[f"{drawing.knee}/{THIGH}"] * len(answers),
+        ),
+    )
     point = np.stack([answers["contact_point"][axis] for axis in "xyz"], axis=1)
     normal = np.stack([answers["normal_x"], answers["normal_y"], zero], axis=1)
-    yield ARROW, rr.Arrows3D.columns(origins=point, vectors=LEG_SCALE * answers["contact_force"][:, None] * normal)
+    yield (
+        ARROW,
+        rr.Arrows3D.columns(
+            origins=point, vectors=LEG_SCALE * answers["contact_force"][:, None] * normal
+        ),
+    )
 
 
 def _pose(answers: Rows) -> Any:
     """Return the poses of the femur as a column of transforms."""
     zero = np.zeros(len(answers))
-    half = -0.5 * answers["flexion_angle"]  # the screen's y points down, so a turn changes its sign
+    half = (
+        -0.5 * answers["flexion_angle"]
+    )  # the screen's y points down, so a turn changes its sign
     turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
     place = np.stack([MM * answers["femoral_x"], -MM * answers["femoral_height"], zero], axis=1)
     return rr.Transform3D.columns(translation=place, quaternion=turn)
@@ -406,8 +547,14 @@ def triangles_of(polygon: Floats) -> Triangles:
         corners = np.stack([np.roll(left, 1), left, np.roll(left, -1)])
         a, b, c = polygon[corners][:, :, None]
         others = polygon[left]
-        inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
-        ears = (_turn(a, b, c)[:, 0] > 0.0) & (inside.sum(axis=1) == 3)  # no other corner than its own is inside
+        inside = (
+            (_turn(a, b, others) >= 0.0)
+            & (_turn(b, c, others) >= 0.0)
+            & (_turn(c, a, others) >= 0.0)
+        )
+        ears = (_turn(a, b, c)[:, 0] > 0.0) & (
+            inside.sum(axis=1) == 3
+        )  # no other corner than its own is inside
         first = int(ears.argmax())  # where there is none, by rounding alone, any
         cut = [first, *(first + 2 + np.flatnonzero(ears[first + 2 : -1 : 2]) * 2)][: len(left) - 3]
         triangles += [*corners[:, cut].T]
@@ -434,7 +581,13 @@ class Remarks:
 
     def take(self, answers: Rows) -> list[Remark]:
         """Return the remarks that become certain with these answers, at least one, by their stamps."""
-        return sorted([*self._contact(answers), *self._flags(answers), *self._gait(self._strides.add(answers))])
+        return sorted(
+            [
+                *self._contact(answers),
+                *self._flags(answers),
+                *self._gait(self._strides.add(answers)),
+            ]
+        )
 
     def finish(self) -> list[Remark]:
         """Return the remarks that the end makes certain; later answers start again."""
@@ -466,7 +619,9 @@ class Remarks:
         for i in np.flatnonzero(begun).tolist():
             for bit in Status:
                 if begun[i] & bit:
-                    yield Remark(int(answers["stamp"][i]), str(bit.name).lower().replace("_", " "), "WARN")
+                    yield Remark(
+                        int(answers["stamp"][i]), str(bit.name).lower().replace("_", " "), "WARN"
+                    )
 
 
 def remark_of_note(stamp: int, name: str, values: Mapping[str, str]) -> Remark:

@@ -16,9 +16,10 @@ from typing import Any
 
 PUBLISHES = ("inputs.py", "_on_message")
 RECORDS = {
-    ("outputs.py", "put"), ("outputs.py", "_send_batch"),
+    ("outputs.py", "put"),
+    ("outputs.py", "_send_batch"),
     *((file, name) for file in ("recorder.py", "recorder.py") for name in ("write", "flush")),
-}  # fmt: skip
+}
 """Functions at which the way to the topics and the way on to the file begin, by file and name"""
 FORCE = "joint_reaction_force"
 FOLDER = os.environ["KNEE_CONTACT_WAY"]

@@ -18,7 +18,17 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.system.files import share_folder
-from studies.assistance.walks import LAWS, Floats, Peaks, Walk, constant_in_stance, person, sensors, walk, walks
+from studies.assistance.walks import (
+    LAWS,
+    Floats,
+    Peaks,
+    Walk,
+    constant_in_stance,
+    person,
+    sensors,
+    walk,
+    walks,
+)
 
 COLOURS = ("#0072B2", "#D55E00", "#555555")
 """Okabe and Ito's colours of the laws in their order, and of a knee without assistance"""
@@ -31,16 +41,32 @@ HEADROOM = 1.12
 """Ratio of the axis' upper end to the largest value, which leaves room for the key"""
 
 
-def draw(torques: Sequence[float], found: Mapping[str, Sequence[Walk]], shown: int, path: Path) -> None:
+def draw(
+    torques: Sequence[float], found: Mapping[str, Sequence[Walk]], shown: int, path: Path
+) -> None:
     """Draw the picture; `shown` is the place of the torque whose stance is drawn below."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=SIZE, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplot_mosaic([["force", "depth"], ["stance", "stance"]], height_ratios=(1.0, 0.95))
-    _peaks(axes["force"], torques, found, lambda peaks: np.array(peaks.force), "peak contact force [N]")
-    _peaks(axes["depth"], torques, found, lambda peaks: MM * np.array(peaks.depth), "peak penetration depth [mm]")
+    axes = figure.subplot_mosaic(
+        [["force", "depth"], ["stance", "stance"]], height_ratios=(1.0, 0.95)
+    )
+    _peaks(
+        axes["force"],
+        torques,
+        found,
+        lambda peaks: np.array(peaks.force),
+        "peak contact force [N]",
+    )
+    _peaks(
+        axes["depth"],
+        torques,
+        found,
+        lambda peaks: MM * np.array(peaks.depth),
+        "peak penetration depth [mm]",
+    )
     for name in ("force", "depth"):
         axes[name].set_title("whole gait; band: load ± 1 standard deviation", fontsize=9)
     axes["stance"].set_title("first stance, as estimated", fontsize=9)
@@ -73,10 +99,19 @@ def _peaks(
 def _stance(axis: Any, found: Mapping[str, Sequence[Walk]], shown: int, torque: float) -> None:
     first = next(iter(found.values()))[0]
     seen = (first.time >= STANCE[0]) & (first.time <= STANCE[1])
-    axis.plot(first.time[seen], first.force[seen], color=COLOURS[2], linewidth=1.4, label="no assistance")
+    axis.plot(
+        first.time[seen], first.force[seen], color=COLOURS[2], linewidth=1.4, label="no assistance"
+    )
     for (name, series), colour, line in zip(found.items(), COLOURS, LINES, strict=False):
         force = series[shown].force[seen]
-        axis.plot(first.time[seen], force, color=colour, linestyle=line, linewidth=1.8, label=f"{torque:g} N m, {name}")
+        axis.plot(
+            first.time[seen],
+            force,
+            color=colour,
+            linestyle=line,
+            linewidth=1.8,
+            label=f"{torque:g} N m, {name}",
+        )
     axis.set_xlim(*STANCE)
     axis.set_ylim(0.0, HEADROOM * first.force[seen].max())
     axis.set_xlabel("time [s]", fontsize=9)
@@ -119,25 +154,37 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     recorded, _ = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
     numbers = {
         "machine": machine(),
-        "most": f"{torques[-1]:g}", "limit": f"{FORCE_LIMIT:g}", "floor": f"{deviation.floor:g}",
+        "most": f"{torques[-1]:g}",
+        "limit": f"{FORCE_LIMIT:g}",
+        "floor": f"{deviation.floor:g}",
         "part": f"{deviation.part:g}",
         "deviation": f"{deviation.at(constant[0].axial.max(), weight):.0f}",
         "shown": f"{torques[SHOWN]:g}",
-        "rows": "\n".join(f"| {torques[i]:g} | {cells(constant[i])} | {cells(law[i])} |" for i in TABLE),
+        "rows": "\n".join(
+            f"| {torques[i]:g} | {cells(constant[i])} | {cells(law[i])} |" for i in TABLE
+        ),
         "slope": f"{(middle[0] - middle[best]) / max(torques[best], 1.0):.1f}",
-        "least": f"{middle[best]:.0f}", "best": f"{torques[best]:g}",
+        "least": f"{middle[best]:.0f}",
+        "best": f"{torques[best]:g}",
         "law": f"{middle[0] - min(walk.peaks.force[1] for walk in law):.0f}",
-        "effect": f"{middle[0] - middle[best]:.0f}", "band": f"{forces[best, 2] - middle[best]:.0f}",
-"given": f"{parameters.person.co_contraction:g}", "doubled": f"{more:g}",
+        "effect": f"{middle[0] - middle[best]:.0f}",
+        "band": f"{forces[best, 2] - middle[best]:.0f}",
+        "given": f"{parameters.person.co_contraction:g}",
+        "doubled": f"{more:g}",
         "co": f"{higher - middle[0]:.0f}",
-        "recorded": f"{recorded:.0f}", "estimated": f"{constant[0].axial.max():.0f}",
-    }  # fmt: skip
+        "recorded": f"{recorded:.0f}",
+        "estimated": f"{constant[0].axial.max():.0f}",
+    }
     return Template(PAGE.read_text(encoding="utf-8")).substitute(numbers)
 
 
 @click.command()
 @click.option(
-    "--output", type=click.Path(path_type=Path), default="docs", show_default=True, help="Gets studies/ and images/."
+    "--output",
+    type=click.Path(path_type=Path),
+    default="docs",
+    show_default=True,
+    help="Gets studies/ and images/.",
 )
 def main(output: Path) -> None:
     """Compute the walks, draw the picture and write the page."""

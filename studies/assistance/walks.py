@@ -18,7 +18,13 @@ from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionF
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns
+from knee_contact_ros.streams.topics import (
+    GROUND_REACTION_FORCE,
+    JOINT_STATES,
+    LOAD_INPUTS,
+    MESSAGE_TYPES,
+    stamp_to_ns,
+)
 from knee_contact_ros.system.files import share_folder
 
 Floats = NDArray[np.float64]
@@ -89,7 +95,10 @@ def companion(torque: float) -> Law:
     return decide
 
 
-LAWS: dict[str, Callable[[float], Law]] = {"constant in stance": constant_in_stance, "companion's law": companion}
+LAWS: dict[str, Callable[[float], Law]] = {
+    "constant in stance": constant_in_stance,
+    "companion's law": companion,
+}
 
 
 def sensors(bag: Path | None = None) -> list[Sample]:
@@ -103,7 +112,9 @@ def sensors(bag: Path | None = None) -> list[Sample]:
             angles[stamp] = float(message.position[0])
         elif topic == f"/{GROUND_REACTION_FORCE}":
             forces[stamp] = float(message.wrench.force.y)
-    return [Sample(stamp, angles[stamp], forces[stamp]) for stamp in sorted(angles.keys() & forces)]
+    return [
+        Sample(stamp, angles[stamp], forces[stamp]) for stamp in sorted(angles.keys() & forces)
+    ]
 
 
 def person() -> LoadParameters:
@@ -111,7 +122,9 @@ def person() -> LoadParameters:
     return load_parameters(LOAD_FILE, LoadParameters)
 
 
-def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: LoadParameters) -> Walk:
+def walk(
+    samples: Sequence[Sample], law: Law, model: KneeModel, parameters: LoadParameters
+) -> Walk:
     """Estimate, assist and compute, sample by sample: the torque of a sample follows from the contact before it.
 
     Then once more with the load a standard deviation of every sample off, under the same torques: who assists sees the
@@ -124,7 +137,10 @@ def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: Load
         torques.append(law(sample, contact))
         joints = Joints(sample.flexion, UNKNOWN, UNKNOWN, knee_assistance=torques[-1])
         estimate = estimator.at(
-            sample.stamp, joints, motion.see(sample.stamp, joints), Ground((0.0, sample.vertical, 0.0), NO_TORQUE)
+            sample.stamp,
+            joints,
+            motion.see(sample.stamp, joints),
+            Ground((0.0, sample.vertical, 0.0), NO_TORQUE),
         )
         stream.advance(sample.stamp, sample.flexion, SHARE * estimate.axial_force)
         contact = float(stream.answer["contact_force"][0])
@@ -132,15 +148,26 @@ def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: Load
         off.append(estimate.standard_deviation)
         force.append(contact)
     time = np.array([sample.stamp for sample in samples]) * SECOND
-    flexion, loads, deviations = np.array([sample.flexion for sample in samples]), np.array(axial), np.array(off)
+    flexion, loads, deviations = (
+        np.array([sample.flexion for sample in samples]),
+        np.array(axial),
+        np.array(off),
+    )
     least = np.minimum(loads, parameters.person.tone * parameters.person.constants.weight)
-    runs = [model.run(time, flexion, SHARE * np.maximum(loads + by * deviations, least)) for by in (-1.0, 0.0, 1.0)]
-    below, middle, above = ((float(run.contact_force.max()), float(run.penetration_depth.max())) for run in runs)
+    runs = [
+        model.run(time, flexion, SHARE * np.maximum(loads + by * deviations, least))
+        for by in (-1.0, 0.0, 1.0)
+    ]
+    below, middle, above = (
+        (float(run.contact_force.max()), float(run.penetration_depth.max())) for run in runs
+    )
     peaks = Peaks(*zip(below, middle, above, strict=True))
     return Walk(time, np.array(torques), loads, np.array(force), peaks)
 
 
-def walks(torques: Sequence[float], compiled: bool | None = None) -> Iterator[tuple[str, list[Walk]]]:
+def walks(
+    torques: Sequence[float], compiled: bool | None = None
+) -> Iterator[tuple[str, list[Walk]]]:
     """Walks under each of `LAWS`, by its name, one for each torque [N m]."""
     samples, parameters = sensors(), person()
     model = knee_contact_ros.load_model("healthy", compiled=compiled)

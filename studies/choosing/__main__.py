@@ -45,7 +45,10 @@ TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8)
 DEFAULT_TOLERANCE = 1e-6
 TURNS = 9
 """How often a run is timed; the quickest counts"""
-BEGIN, END = "<!-- made by python -m studies.choosing: begin -->", "<!-- made by python -m studies.choosing: end -->"
+BEGIN, END = (
+    "<!-- made by python -m studies.choosing: begin -->",
+    "<!-- made by python -m studies.choosing: end -->",
+)
 """Lines around the measured part of the page"""
 
 
@@ -120,17 +123,40 @@ def changes() -> list[Change]:
     """List the changes of inputs."""
     stiffness, layer = 7.905694e7, 5e-4
     return [
-        Change("medial share 0.5 → 0.7", "in vivo 0.6 to 0.8 of the whole load", {}, load=0.7 / 0.5),
-        Change("body mass + 10 %", "load and femur in proportion", {"femur.mass": 1.1 * 9.3014}, load=1.1),
+        Change(
+            "medial share 0.5 → 0.7", "in vivo 0.6 to 0.8 of the whole load", {}, load=0.7 / 0.5
+        ),
+        Change(
+            "body mass + 10 %",
+            "load and femur in proportion",
+            {"femur.mass": 1.1 * 9.3014},
+            load=1.1,
+        ),
         Change("stiffness − 20 %", "", {"contact.stiffness": 0.8 * stiffness}),
         Change("stiffness + 20 %", "", {"contact.stiffness": 1.2 * stiffness}),
-        Change("femoral size − 10 %", "radius of the condyle: `femur.scale`", {"femur.scale": 0.9}),
+        Change(
+            "femoral size − 10 %", "radius of the condyle: `femur.scale`", {"femur.scale": 0.9}
+        ),
         Change("femoral size + 10 %", "the same", {"femur.scale": 1.1}),
-        Change("flexion angle + 5°", "`knee.flexion_offset`: markers, neutral pose", {}, angle=math.radians(5.0)),
-        Change("layer depth − 20 %", "of the 0.5 mm of osteoarthritis.yaml", {"contact.layer_depth": 0.8 * layer},
-               base="osteoarthritis"),
-        Change("layer depth + 20 %", "the same", {"contact.layer_depth": 1.2 * layer}, base="osteoarthritis"),
-    ]  # fmt: skip
+        Change(
+            "flexion angle + 5°",
+            "`knee.flexion_offset`: markers, neutral pose",
+            {},
+            angle=math.radians(5.0),
+        ),
+        Change(
+            "layer depth − 20 %",
+            "of the 0.5 mm of osteoarthritis.yaml",
+            {"contact.layer_depth": 0.8 * layer},
+            base="osteoarthritis",
+        ),
+        Change(
+            "layer depth + 20 %",
+            "the same",
+            {"contact.layer_depth": 1.2 * layer},
+            base="osteoarthritis",
+        ),
+    ]
 
 
 def effect(change: Change, scene: Scene) -> Effect:
@@ -144,8 +170,15 @@ def effect(change: Change, scene: Scene) -> Effect:
     before, after = solved({}, 0.0, 1.0), solved(change.parameters, change.angle, change.load)
     depth, force = before.depth.max(), before.force.max()
     deeper, stronger = float(after.depth.max() - depth), float(after.force.max() - force)
-    return Effect(change, scene.name, deeper, 100.0 * deeper / depth, stronger, 100.0 * stronger / force,
-                  apart(before, after))  # fmt: skip
+    return Effect(
+        change,
+        scene.name,
+        deeper,
+        100.0 * deeper / depth,
+        stronger,
+        100.0 * stronger / force,
+        apart(before, after),
+    )
 
 
 def measure(asked: Sequence[Scene], say: Callable[[str], None]) -> Study:
@@ -160,10 +193,17 @@ def measure(asked: Sequence[Scene], say: Callable[[str], None]) -> Study:
             say(f"reference, {geometry.name}, {scene.name}: good to {own[key].depth:.0e} m")
         for level in LEVELS:
             for tolerance in TOLERANCES:
-                rows += [row(geometry, level, tolerance, scene, answers[geometry.name, scene.name]) for scene in asked]
-    left = [Left(geometry, scene, apart(answer, answers[MRI_KNEE, scene]), own[geometry, scene])
-            for (geometry, scene), answer in answers.items()]  # fmt: skip
-    return Study(list(asked), rows, left, [effect(change, scene) for scene in asked for change in changes()])
+                rows += [
+                    row(geometry, level, tolerance, scene, answers[geometry.name, scene.name])
+                    for scene in asked
+                ]
+    left = [
+        Left(geometry, scene, apart(answer, answers[MRI_KNEE, scene]), own[geometry, scene])
+        for (geometry, scene), answer in answers.items()
+    ]
+    return Study(
+        list(asked), rows, left, [effect(change, scene) for scene in asked for change in changes()]
+    )
 
 
 def row(geometry: Geometry, level: str, tolerance: float, scene: Scene, right: Answer) -> Row:
@@ -177,8 +217,17 @@ def row(geometry: Geometry, level: str, tolerance: float, scene: Scene, right: A
         seconds.append(time.process_time() - begin)
     found, said = answer_of(series), series.status & Status.NOT_CONVERGED != 0
     wrong = ~said & (np.abs(found.depth - right.depth) > tolerance)
-    return Row(geometry.name, level, tolerance, scene.name, apart(found, right), float(said.mean()), int(wrong.sum()),
-               len(said), 1e6 * min(seconds) / len(said))  # fmt: skip
+    return Row(
+        geometry.name,
+        level,
+        tolerance,
+        scene.name,
+        apart(found, right),
+        float(said.mean()),
+        int(wrong.sum()),
+        len(said),
+        1e6 * min(seconds) / len(said),
+    )
 
 
 # The page.
@@ -230,16 +279,31 @@ def block(study: Study, picture: str, measured_on: str) -> str:
     names = [scene.name for scene in study.scenes]
     levels = []
     for (geometry, level, tolerance), rows in groupby(study.rows, key=lambda row: row[:3]):
-        flagged = [(row, f", {100.0 * row.flagged:.2g} % flagged" if row.flagged else "") for row in rows]
-        cells = [f"{differences(row.error)}, {two_digits(row.microseconds)} µs{said}" for row, said in flagged]
+        flagged = [
+            (row, f", {100.0 * row.flagged:.2g} % flagged" if row.flagged else "") for row in rows
+        ]
+        cells = [
+            f"{differences(row.error)}, {two_digits(row.microseconds)} µs{said}"
+            for row, said in flagged
+        ]
         levels.append([geometry, level, f"{tolerance:.0e}".replace("e-0", "e-"), *cells])
     by_geometry = groupby(study.left, key=lambda each: each.geometry)
-    simpler = [[name, *(differences(each.error) for each in group)] for name, group in by_geometry if name != MRI_KNEE]
+    simpler = [
+        [name, *(differences(each.error) for each in group)]
+        for name, group in by_geometry
+        if name != MRI_KNEE
+    ]
     inputs = [
-        [each.change.name, each.change.why, f"{signed(1e6 * each.depth, 'µm')} ({each.depth_percent:+.0f} %)",
-         f"{signed(each.force, 'N')} ({each.force_percent:+.0f} %)", length(each.worst.x)]
-        for each in study.effects if each.scene == names[0]
-    ]  # fmt: skip
+        [
+            each.change.name,
+            each.change.why,
+            f"{signed(1e6 * each.depth, 'µm')} ({each.depth_percent:+.0f} %)",
+            f"{signed(each.force, 'N')} ({each.force_percent:+.0f} %)",
+            length(each.worst.x),
+        ]
+        for each in study.effects
+        if each.scene == names[0]
+    ]
     parts = [
         f"Made by `python -m studies.choosing` on {measured_on}.",
         f"![Error of depth, force and contact point over the cost of a tick, beside geometry and inputs]({picture})",
@@ -269,18 +333,51 @@ def block(study: Study, picture: str, measured_on: str) -> str:
 def write_csv(study: Study, path: Path) -> None:
     """Write all numbers behind the page to a CSV file."""
     rows: list[Sequence[Any]] = [
-        ("level", row.geometry, row.level, row.tolerance, row.scene, *row.error, row.flagged, row.wrong, row.ticks,
-         row.microseconds) for row in study.rows
-    ]  # fmt: skip
+        (
+            "level",
+            row.geometry,
+            row.level,
+            row.tolerance,
+            row.scene,
+            *row.error,
+            row.flagged,
+            row.wrong,
+            row.ticks,
+            row.microseconds,
+        )
+        for row in study.rows
+    ]
     for left in study.left:
-        rows += [(what, left.geometry, "", "", left.scene, *found)
-                 for what, found in (("geometry", left.error), ("reference", left.own))]  # fmt: skip
-    rows += [(f"input: {each.change.name}", MRI_KNEE, "", "", each.scene, *each.worst) for each in study.effects]
+        rows += [
+            (what, left.geometry, "", "", left.scene, *found)
+            for what, found in (("geometry", left.error), ("reference", left.own))
+        ]
+    rows += [
+        (f"input: {each.change.name}", MRI_KNEE, "", "", each.scene, *each.worst)
+        for each in study.effects
+    ]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(("what", "geometry", "level", "tolerance_m", "scene", "depth_m", "force_n", "contact_x_m",
-                         "flagged", "ok_and_wrong", "ticks", "microseconds_per_tick"))  # fmt: skip
-        writer.writerows([f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in rows)
+        writer.writerow(
+            (
+                "what",
+                "geometry",
+                "level",
+                "tolerance_m",
+                "scene",
+                "depth_m",
+                "force_n",
+                "contact_x_m",
+                "flagged",
+                "ok_and_wrong",
+                "ticks",
+                "microseconds_per_tick",
+            )
+        )
+        writer.writerows(
+            [f"{value:.6g}" if isinstance(value, float) else value for value in row]
+            for row in rows
+        )
 
 
 # The picture: error over cost, a column per scene and a row per output, beside what geometry and inputs leave open.
@@ -290,8 +387,11 @@ COLOURS = {"quasi_static": "#D55E00", "dynamic": "#0072B2"}
 MARKERS = {CIRCLE: "o", MRI_FEMUR: "s", MRI_KNEE: "^"}
 LINES = {CIRCLE: ("#009E73", (0, (4, 4))), MRI_FEMUR: ("#CC79A7", (4, (4, 4)))}
 """Lines of simpler geometries: where two are the same, the dashes of one lie in the gaps of the other"""
-OUTPUTS = (("error of the depth [m]", (1e-11, 1e-1)), ("error of the force [N]", (1e-5, 1e5)),
-           ("error of the contact\npoint on the plateau [m]", (1e-12, 1e-1)))  # fmt: skip
+OUTPUTS = (
+    ("error of the depth [m]", (1e-11, 1e-1)),
+    ("error of the force [N]", (1e-5, 1e5)),
+    ("error of the contact\npoint on the plateau [m]", (1e-12, 1e-1)),
+)
 """Outputs with the range of their axis; smaller values are drawn at the lower end"""
 BAND_SHARE = 0.1
 """Least part of the largest effect of an input that counts for the band of the inputs"""
@@ -304,7 +404,9 @@ def draw(study: Study, path: Path) -> None:
 
     figure = Figure(figsize=(11.0, 9.6), layout="constrained")
     FigureCanvasAgg(figure)
-    axes: Any = figure.subplots(len(OUTPUTS), len(study.scenes), sharex=True, sharey="row", squeeze=False)
+    axes: Any = figure.subplots(
+        len(OUTPUTS), len(study.scenes), sharex=True, sharey="row", squeeze=False
+    )
     for output, (label, ends) in enumerate(OUTPUTS):
         axes[output, 0].set_ylabel(label, fontsize=11)
         for axis, scene in zip(axes[output], study.scenes, strict=True):
@@ -313,20 +415,39 @@ def draw(study: Study, path: Path) -> None:
         axis.set_title(scene.name, fontsize=11, fontweight="bold")
     for axis in axes[-1]:
         axis.set_xlabel("time per tick [µs]")
-    known = {label: handle for handle, label in zip(*axes[0, 0].get_legend_handles_labels(), strict=True)}
-    figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=3, frameon=False, fontsize=10)
+    known = {
+        label: handle
+        for handle, label in zip(*axes[0, 0].get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        known.values(),
+        known.keys(),
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize=10,
+    )
     figure.savefig(path, dpi=150)
 
 
 def panel(axis: Any, study: Study, scene: str, output: int, ends: tuple[float, float]) -> None:
     """Draw a line per geometry and level through its tolerances; the default one has a larger marker."""
     low, high = band([each for each in study.effects if each.scene == scene], output)
-    axis.axhspan(low, high, color="#CFCFCF", zorder=0, linewidth=0, label="what uncertain inputs do")
+    axis.axhspan(
+        low, high, color="#CFCFCF", zorder=0, linewidth=0, label="what uncertain inputs do"
+    )
     for left in study.left:
         if left.scene == scene and left.geometry in LINES:
             colour, style = LINES[left.geometry]
             label = f"what the {left.geometry} leaves out"
-            axis.axhline(left.error[output], color=colour, linewidth=2.0, linestyle=style, zorder=2, label=label)
+            axis.axhline(
+                left.error[output],
+                color=colour,
+                linewidth=2.0,
+                linestyle=style,
+                zorder=2,
+                label=label,
+            )
     chosen = (row for row in study.rows if row.scene == scene)
     for (geometry, level), group in groupby(chosen, key=lambda row: row[:2]):
         rows = list(group)
@@ -334,8 +455,18 @@ def panel(axis: Any, study: Study, scene: str, output: int, ends: tuple[float, f
         sizes = [58 if row.tolerance == DEFAULT_TOLERANCE else 20 for row in rows]
         costs = [row.microseconds for row in rows]
         axis.plot(costs, errors, color=COLOURS[level], linewidth=1.0, alpha=0.7, zorder=3)
-        axis.scatter(costs, errors, s=sizes, color=COLOURS[level], marker=MARKERS[geometry], zorder=4, clip_on=False,
-                     linewidths=0.5, edgecolors="white", label=f"{geometry}, {level}")  # fmt: skip
+        axis.scatter(
+            costs,
+            errors,
+            s=sizes,
+            color=COLOURS[level],
+            marker=MARKERS[geometry],
+            zorder=4,
+            clip_on=False,
+            linewidths=0.5,
+            edgecolors="white",
+            label=f"{geometry}, {level}",
+        )
     axis.set(xscale="log", yscale="log", ylim=ends)
     axis.grid(visible=True, which="major", color="0.9", linewidth=0.8)
     axis.set_axisbelow(True)
@@ -353,7 +484,9 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 @click.command()
 @click.option("--page", type=FILE, default="docs/studies/choosing.md", show_default=True)
 @click.option("--data", type=FILE, default="docs/studies/choosing.csv", show_default=True)
-@click.option("--picture", type=FILE, default="docs/images/choosing_fidelity.png", show_default=True)
+@click.option(
+    "--picture", type=FILE, default="docs/images/choosing_fidelity.png", show_default=True
+)
 def main(page: Path, data: Path, picture: Path) -> None:
     """Measure what level, tolerance and geometry cost and leave out, beside what the inputs leave open."""
     text, measured_on = page.read_text(encoding="utf-8"), machine("numba")

@@ -75,7 +75,11 @@ class Normal(NamedTuple):
 
 def read_points(path: Path) -> Floats:
     """Read the columns of a profile's CSV file [m], shape (2, n)."""
-    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]
+    lines = [
+        line
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if line and not line.startswith("#")
+    ]
     return np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
 
 
@@ -88,9 +92,15 @@ def spline_through(knots: Floats, values: Floats) -> Spline:
 def femur_through(points: Floats) -> Femur:
     """Build a condyle through points of shape (2, n) [m]."""
     chords = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))])
-    row = np.interp(np.arange(PER_SEGMENT * (len(chords) - 1) + 1) / PER_SEGMENT, np.arange(len(chords)), chords)
+    row = np.interp(
+        np.arange(PER_SEGMENT * (len(chords) - 1) + 1) / PER_SEGMENT,
+        np.arange(len(chords)),
+        chords,
+    )
     x, y = spline_through(chords, points[0]), spline_through(chords, points[1])
-    return Femur(x, y, row, np.array([at(x, s)[0] for s in row]), np.array([at(y, s)[0] for s in row]))
+    return Femur(
+        x, y, row, np.array([at(x, s)[0] for s in row]), np.array([at(y, s)[0] for s in row])
+    )
 
 
 def plateau_through(points: Floats) -> Spline:
@@ -101,10 +111,16 @@ def plateau_through(points: Floats) -> Spline:
 @compiled
 def at(spline: Spline, place: float) -> Jet:
     """Value and derivatives of a spline at a place; the outer cubics extend beyond the ends."""
-    i = min(max(int(np.searchsorted(spline.knots, place, side="right")) - 1, 0), len(spline.knots) - 2)
+    i = min(
+        max(int(np.searchsorted(spline.knots, place, side="right")) - 1, 0), len(spline.knots) - 2
+    )
     c3, c2, c1, c0 = spline.coefficients[:, i]
     u = place - spline.knots[i]
-    return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + 3.0 * c3 * u), 2.0 * c2 + 6.0 * c3 * u
+    return (
+        c0 + u * (c1 + u * (c2 + u * c3)),
+        c1 + u * (2.0 * c2 + 3.0 * c3 * u),
+        2.0 * c2 + 6.0 * c3 * u,
+    )
 
 
 @compiled
@@ -161,7 +177,9 @@ def deepest(femur: Femur, plateau: Spline, angle: float, height: float) -> Norma
 
 
 @compiled
-def common_normal(femur: Femur, plateau: Spline, sine: float, cosine: float, height: float, place: float) -> Normal:
+def common_normal(
+    femur: Femur, plateau: Spline, sine: float, cosine: float, height: float, place: float
+) -> Normal:
     """Find the common normal from a place of the femur, by Newton's method (Eqs. 4 and 5 of the paper)."""
     foot = turned(femur, place, sine, cosine)[0][0]
     for _ in range(NEWTON_STEPS):
@@ -171,7 +189,10 @@ def common_normal(femur: Femur, plateau: Spline, sine: float, cosine: float, hei
         parallel, along = x1 * slope - y1, x - foot + over * slope
         a, b, c, d = x2 * slope - y2, x1 * bend, x1 + y1 * slope, over * bend - 1.0 - slope * slope
         determinant = a * d - b * c
-        step, step_foot = (parallel * d - along * b) / determinant, (along * a - parallel * c) / determinant
+        step, step_foot = (
+            (parallel * d - along * b) / determinant,
+            (along * a - parallel * c) / determinant,
+        )
         place, foot = place - step, foot - step_foot
         if abs(step) + abs(step_foot) < SMALL_STEP:
             break
@@ -201,7 +222,9 @@ class OnPlateau:
     """A measured femur on a measured plateau: the pose of `reference.ByHeight`."""
 
     def __init__(self, femur: Femur, plateau: Spline) -> None:
-        self._deepest = lru_cache(maxsize=RECENT)(lambda angle, height: deepest(femur, plateau, angle, height))
+        self._deepest = lru_cache(maxsize=RECENT)(
+            lambda angle, height: deepest(femur, plateau, angle, height)
+        )
 
     def __call__(self, angle: float, turn: float, height: float) -> tuple[float, float, float]:
         """Depth [m], its rate at rest [m/s], and n_y."""

@@ -42,14 +42,19 @@ def outcomes(verdicts: Sequence[Verdict], group: str) -> list[list[str]]:
         counts[getattr(verdict, group)][verdict.outcome] += 1
         counts["all"][verdict.outcome] += 1
     names = [*sorted(name for name in counts if name != "all"), "all"]
-    return [[name, str(counts[name].total()), *(str(counts[name][o]) for o in (*GOOD, *BAD))] for name in names]
+    return [
+        [name, str(counts[name].total()), *(str(counts[name][o]) for o in (*GOOD, *BAD))]
+        for name in names
+    ]
 
 
 def reading(verdicts: Sequence[Verdict]) -> list[list[str]]:
     """Rows of the table of messages that were read of damaged bags."""
     rows = []
     for kind in sorted({verdict.kind for verdict in verdicts}):
-        said = [verdict for verdict in verdicts if verdict.kind == kind and verdict.outcome == SAID]
+        said = [
+            verdict for verdict in verdicts if verdict.kind == kind and verdict.outcome == SAID
+        ]
         lost = sum(verdict.lost for verdict in said) / (2 * TICKS * max(len(said), 1))
         foreign = sum(verdict.foreign > 0 for verdict in said)
         rows.append([kind, str(len(said)), f"{100.0 * (1.0 - lost):.1f} %", str(foreign)])
@@ -60,7 +65,12 @@ def reading(verdicts: Sequence[Verdict]) -> list[list[str]]:
 @click.option("--cases", type=click.IntRange(1), default=10_000, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the first case.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
-@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/fuzz_bags.md"), show_default=True)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("docs/studies/fuzz_bags.md"),
+    show_default=True,
+)
 def main(cases: int, seed: int, workers: int, output: Path) -> None:
     """Damage bags by the thousand, use them, and write the outcomes."""
     verdicts = []
@@ -74,11 +84,18 @@ def main(cases: int, seed: int, workers: int, output: Path) -> None:
     sections = [
         Section("", ABOUT, header, outcomes(verdicts, "kind")),
         Section("By what was done to the bag", "", header, outcomes(verdicts, "mutation")),
-        Section("What was read", READ, ("", "cases", "read", "with unknown messages"), reading(verdicts)),
+        Section(
+            "What was read",
+            READ,
+            ("", "cases", "read", "with unknown messages"),
+            reading(verdicts),
+        ),
     ]
     command = f"python -m studies.fuzz_bags --cases {cases} --seed {seed}"
     save(output, "Damaged bags", command, sections, machine())
-    click.echo(f"{output}: {sum(verdict.outcome in BAD for verdict in verdicts)} of {cases} cases are bad")
+    click.echo(
+        f"{output}: {sum(verdict.outcome in BAD for verdict in verdicts)} of {cases} cases are bad"
+    )
 
 
 if __name__ == "__main__":

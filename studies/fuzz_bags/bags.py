@@ -15,7 +15,12 @@ from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import typestore
 
 MOST_FLIPS = 8
@@ -84,7 +89,12 @@ def deleted_line(text: list[str], random: Random) -> None:
 
 def changed_number(text: list[str], random: Random) -> None:
     """Change a digit in `metadata.yaml`."""
-    digits = [(row, column) for row, line in enumerate(text) for column, sign in enumerate(line) if sign.isdigit()]
+    digits = [
+        (row, column)
+        for row, line in enumerate(text)
+        for column, sign in enumerate(line)
+        if sign.isdigit()
+    ]
     row, column = random.choice(digits)
     text[row] = text[row][:column] + str(random.randrange(10)) + text[row][column + 1 :]
 
@@ -161,7 +171,9 @@ def messages() -> Iterator[Message]:
         yield "/joint_reaction_force", stamp, encode_wrench_stamped(wrench)
 
 
-def mcap(path: Path, compression: CompressionType, *, checksums: bool = True, chunks: bool = True) -> None:
+def mcap(
+    path: Path, compression: CompressionType, *, checksums: bool = True, chunks: bool = True
+) -> None:
     """Write an MCAP file with several chunks, or without chunks."""
     with path.open("wb") as file:
         writer = Writer(
@@ -177,7 +189,9 @@ def mcap(path: Path, compression: CompressionType, *, checksums: bool = True, ch
         for topic, type_name in INPUT_TYPES.items():
             text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
             schema = writer.register_schema(type_name, "ros2msg", text)
-            channels[topic] = writer.register_channel(topic, "cdr", schema, {"offered_qos_profiles": ""})
+            channels[topic] = writer.register_channel(
+                topic, "cdr", schema, {"offered_qos_profiles": ""}
+            )
         for number, (topic, stamp, data) in enumerate(messages()):
             writer.add_message(channels[topic], stamp, data, stamp, number)
         writer.add_metadata("note", {"a": "b"})
@@ -221,7 +235,9 @@ MAKERS: Mapping[str, Callable[[Path], None]] = {
     "MCAP, uncompressed": lambda path: mcap(path, CompressionType.NONE),
     "MCAP, zstd": lambda path: mcap(path, CompressionType.ZSTD),
     "MCAP, lz4": lambda path: mcap(path, CompressionType.LZ4),
-    "MCAP, uncompressed, no checksums": lambda path: mcap(path, CompressionType.NONE, checksums=False),
+    "MCAP, uncompressed, no checksums": lambda path: mcap(
+        path, CompressionType.NONE, checksums=False
+    ),
     "MCAP, no chunks": lambda path: mcap(path, CompressionType.NONE, chunks=False),
     "folder, sqlite3": sqlite,
     "folder, MCAP in three files": split,

@@ -113,7 +113,13 @@ def recovery_fault(bag: Path, folder: Path) -> str:
 def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
     """All messages of a file, in its order."""
     return [
-        (file.streams[entry.channel_id][0].topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
+        (
+            file.streams[entry.channel_id][0].topic,
+            entry.sequence,
+            entry.log_time,
+            entry.publish_time,
+            entry.data,
+        )
         for _, entry in file.in_file_order()
         if isinstance(entry, records.Message)
     ]
@@ -147,13 +153,20 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
         answers += list(feed(data))
     answers += list(pipeline.finish())
     wanted = (KNEE_CONTACT, KNEE_CONTACT_WRENCH)
-    return [(f"/{topic}", data) for answer in answers for topic, _, data in answer.records if topic in wanted]
+    return [
+        (f"/{topic}", data)
+        for answer in answers
+        for topic, _, data in answer.records
+        if topic in wanted
+    ]
 
 
 def answers_in(recording: Path) -> list[tuple[str, bytes]]:
     """Answers in a recording."""
     with recording.open("rb") as file:
-        found = make_reader(file).iter_messages(["/knee_contact", "/knee_contact/wrench"], log_time_order=False)
+        found = make_reader(file).iter_messages(
+            ["/knee_contact", "/knee_contact/wrench"], log_time_order=False
+        )
         return [(channel.topic, message.data) for _, channel, message in found]
 
 
@@ -168,7 +181,11 @@ def otherwise(bag: Path) -> list[list[tuple[str, bytes]]]:
 
 def read_otherwise(bag: Path, way: Callable[..., McapReader]) -> Iterator[Message]:
     """Messages of a bag as read by other libraries than those that `solve` uses."""
-    for path in [bag] if bag.is_file() else sorted(path for path in bag.iterdir() if path.suffix != ".yaml"):
+    for path in (
+        [bag]
+        if bag.is_file()
+        else sorted(path for path in bag.iterdir() if path.suffix != ".yaml")
+    ):
         yield from _rows(path) if path.suffix == ".db3" else _messages(path, way)
 
 
@@ -200,7 +217,9 @@ class Worker:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(theirs, self._bags, self._folder), daemon=True)
+        self._process = context.Process(
+            target=_work, args=(theirs, self._bags, self._folder), daemon=True
+        )
         self._process.start()
         theirs.close()
 
@@ -228,7 +247,10 @@ def run(seeds: Sequence[int], workers: int) -> Iterator[Verdict]:
         folder, left = Path(name), iter(seeds)
         (folder / "whole").mkdir()
         bags = make(folder / "whole")
-        busy = {worker.connection: worker for worker in (Worker(bags, folder / str(n)) for n in range(workers))}
+        busy = {
+            worker.connection: worker
+            for worker in (Worker(bags, folder / str(n)) for n in range(workers))
+        }
         for worker in list(busy.values()):
             _next(worker, left, busy)
         while busy:
@@ -241,7 +263,9 @@ def run(seeds: Sequence[int], workers: int) -> Iterator[Verdict]:
                     yield _lost(worker, "the process died")
                     _replace(worker, busy)
                 _next(worker, left, busy)
-            for worker in [worker for worker in busy.values() if time.monotonic() - worker.begun > LIMIT]:
+            for worker in [
+                worker for worker in busy.values() if time.monotonic() - worker.begun > LIMIT
+            ]:
                 yield _lost(worker, f"longer than {LIMIT:g} s")
                 _replace(worker, busy)
                 _next(worker, left, busy)

@@ -31,18 +31,31 @@ SEEDS = 1_000_000
 @click.option("--part", default=1.0, show_default=True, help="Part of the duration of long runs.")
 @click.option("--workers", default=2, show_default=True)
 @click.option(
-    "--table", "path", type=click.Path(path_type=Path), default=Path("docs/studies/honesty.csv"), show_default=True
+    "--table",
+    "path",
+    type=click.Path(path_type=Path),
+    default=Path("docs/studies/honesty.csv"),
+    show_default=True,
 )
 @click.option("--show", type=int, help="Print what one number is worth, and write nothing.")
 def main(
-    study: str, count: int | None, first: int, seed: int, part: float, workers: int, path: Path, show: int | None
+    study: str,
+    count: int | None,
+    first: int,
+    seed: int,
+    part: float,
+    workers: int,
+    path: Path,
+    show: int | None,
 ) -> None:
     """Judge the model, and put the counts into a table.
 
     Exit code 1 if an OK is wrong, a number is not finite, or less than 99 % of the known depths are covered.
     """
     if show is not None:
-        click.echo(tabulate([one._asdict() for one in found(study, part, seed * SEEDS + show)[1]], "keys"))
+        click.echo(
+            tabulate([one._asdict() for one in found(study, part, seed * SEEDS + show)[1]], "keys")
+        )
         return
     numbers = [seed * SEEDS + first + i for i in range(count or STUDIES[study][1])]
     rows: list[Row] = []
@@ -56,7 +69,9 @@ def main(
     lines = table(study, rows)
     save(path, lines)
     click.echo(tabulate([one[1:] for one in lines], COLUMNS[1:]))
-    uncovered = sum(one.known - one.covered for one in rows) > MOST_UNCOVERED * sum(one.known for one in rows)
+    uncovered = sum(one.known - one.covered for one in rows) > MOST_UNCOVERED * sum(
+        one.known for one in rows
+    )
     raise SystemExit(uncovered or any(one.wrong or one.not_finite for one in rows))
 
 

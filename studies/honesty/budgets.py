@@ -33,7 +33,20 @@ def pulled(number: int) -> Scene:
     law, arguments = shipped(family)
     time = np.rint(np.arange(TICKS) * 1e6) * 1e-9
     load = mean * (1.0 + pull * np.sin(math.tau * frequency * time))
-    return Scene(number, family, law, arguments, FEMUR, (0.034, 0.034), 0.0, False, "", time, np.zeros(TICKS), load)
+    return Scene(
+        number,
+        family,
+        law,
+        arguments,
+        FEMUR,
+        (0.034, 0.034),
+        0.0,
+        False,
+        "",
+        time,
+        np.zeros(TICKS),
+        load,
+    )
 
 
 def turned(seed: int) -> Scene:
@@ -56,4 +69,9 @@ def rows(seed: int) -> Iterator[Row]:
     truth = reference(scene)
     for budget in BUDGETS:
         series = model(scene, "dynamic", TOLERANCE, budget)
-        yield row((f"{scene.family}, {budget}",), f"budget {budget}", series, judge(series, truth, TOLERANCE))
+        yield row(
+            (f"{scene.family}, {budget}",),
+            f"budget {budget}",
+            series,
+            judge(series, truth, TOLERANCE),
+        )

@@ -28,7 +28,17 @@ STILL = 0.2
 """Part of the scenes whose load and angle are held in the ticks around every change, so that it comes at rest"""
 LEAST_RATE = 1e-6
 """Rate of the depth [m/s] below which a contact is called at rest"""
-WHAT = ("law", "stiffness", "damping", "exponent", "layer_depth", "mass", "tolerance", "level", "everything")
+WHAT = (
+    "law",
+    "stiffness",
+    "damping",
+    "exponent",
+    "layer_depth",
+    "mass",
+    "tolerance",
+    "level",
+    "everything",
+)
 DECADES = {"stiffness": 0.5, "damping": 0.5, "exponent": 0.05, "layer_depth": 0.2, "mass": 0.5}
 """Decimal logarithms of the largest factors"""
 BUDGETS = (20.0, 500.0)
@@ -49,18 +59,25 @@ class Mode(ctypes.Structure):
     """`Mode` of `studies/reference/knee.h`."""
 
     _fields_ = (
-        ("layer", ctypes.c_int), ("pressing", ctypes.c_int), ("impact", ctypes.c_longdouble), ("on", ctypes.c_int),
-    )  # fmt: skip
+        ("layer", ctypes.c_int),
+        ("pressing", ctypes.c_int),
+        ("impact", ctypes.c_longdouble),
+        ("on", ctypes.c_int),
+    )
 
 
 class State(ctypes.Structure):
     """The beginning of `State` of `studies/reference/run.c`."""
 
     _fields_ = (
-        ("depth", ctypes.c_longdouble), ("velocity", ctypes.c_longdouble), ("angle", ctypes.c_longdouble),
-        ("load", ctypes.c_longdouble), ("implicit_duration", ctypes.c_longdouble),
-        ("first_duration", ctypes.c_longdouble), ("mode", Mode),
-    )  # fmt: skip
+        ("depth", ctypes.c_longdouble),
+        ("velocity", ctypes.c_longdouble),
+        ("angle", ctypes.c_longdouble),
+        ("load", ctypes.c_longdouble),
+        ("implicit_duration", ctypes.c_longdouble),
+        ("first_duration", ctypes.c_longdouble),
+        ("mode", Mode),
+    )
 
 
 class ChangedReference(Reference):
@@ -82,13 +99,24 @@ def plan(seed: int) -> list[Setting]:
     random, scene = np.random.default_rng((seed, 47)), draw(seed, SEGMENTS * TICKS)
     if random.random() < STILL:
         near = np.arange(SEGMENTS * TICKS) // TICKS * TICKS
-        scene = scene._replace(load=np.abs(scene.load[near]) + 1.0, angle=scene.angle[np.zeros_like(near)])
+        scene = scene._replace(
+            load=np.abs(scene.load[near]) + 1.0, angle=scene.angle[np.zeros_like(near)]
+        )
     settings = [
-        Setting("", scene, str(random.choice(["dynamic", "quasi_static"])), float(10 ** random.uniform(-8, -4)))
+        Setting(
+            "",
+            scene,
+            str(random.choice(["dynamic", "quasi_static"])),
+            float(10 ** random.uniform(-8, -4)),
+        )
     ]
     while len(settings) < SEGMENTS:
         what = str(random.choice(WHAT))
-        settings.append(changed(random, settings[-1], WHAT[:-1] if what == WHAT[-1] else (what,))._replace(what=what))
+        settings.append(
+            changed(random, settings[-1], WHAT[:-1] if what == WHAT[-1] else (what,))._replace(
+                what=what
+            )
+        )
     return settings
 
 
@@ -113,7 +141,9 @@ def changed(random: Random, setting: Setting, parts: tuple[str, ...]) -> Setting
                 scene = scene._replace(mass=float(scene.mass * size))
                 continue
             names = [name for name in (part, f"{part}_2") if name in scene.arguments]
-            names = names or [name for name in ("stiffness", "youngs_modulus") if name in scene.arguments]
+            names = names or [
+                name for name in ("stiffness", "youngs_modulus") if name in scene.arguments
+            ]
             new = {name: float(scene.arguments[name] * size) for name in names}
             if "exponent" in new:
                 new["exponent"] = min(max(new["exponent"], 1.0), 3.0)
@@ -133,7 +163,9 @@ def truth_of(settings: list[Setting]) -> list[Solution]:
     for now, setting in enumerate(settings):
         if now:
             reference.go_on_with(knee_of(setting.scene))
-        found.append(reference.take(first.time[place(now)], first.angle[place(now)], first.load[place(now)]))
+        found.append(
+            reference.take(first.time[place(now)], first.angle[place(now)], first.load[place(now)])
+        )
     return found
 
 
@@ -148,7 +180,9 @@ def answers_of(settings: list[Setting], budget: int) -> Iterator[np.recarray[Any
         else:
             stream.go_on_with(model)
         here = place(now)
-        yield stream.advance_all(stamps[here], first.angle[here], first.load[here], None).view(np.recarray)
+        yield stream.advance_all(stamps[here], first.angle[here], first.load[here], None).view(
+            np.recarray
+        )
 
 
 def state_before(now: int, truth: list[Solution]) -> str:
@@ -167,7 +201,17 @@ def rows(seed: int) -> Iterator[Row]:
     truth = truth_of(settings)
     for budget in (0, int(10 ** random.uniform(*np.log10(BUDGETS)))):
         for now, series in enumerate(answers_of(settings, budget)):
-            setting, state = settings[now], state_before(now, truth) if now else "before any change"
+            setting, state = (
+                settings[now],
+                state_before(now, truth) if now else "before any change",
+            )
             name = f"segment {now}, {setting.what}, {setting.level}, {setting.scene.law}, {setting.tolerance:.1e} m"
-            groups = ("a budget" if budget else "no budget", state, f"change: {setting.what or 'none'}", setting.level)
-            yield row(groups, f"{name}, {budget}", series, judge(series, truth[now], setting.tolerance))
+            groups = (
+                "a budget" if budget else "no budget",
+                state,
+                f"change: {setting.what or 'none'}",
+                setting.level,
+            )
+            yield row(
+                groups, f"{name}, {budget}", series, judge(series, truth[now], setting.tolerance)
+            )

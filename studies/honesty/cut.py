@@ -33,8 +33,16 @@ Floats = NDArray[Any]
 Random = np.random.Generator
 CONFIG = Path(__file__).parents[2] / "config"
 TICKS, PARTS = 20, (1, 4, 64)
-SURFACES = ("circle on plane", "circle in cup", "condyle on plane", "condyle in cup", "dents on slope",
-            "dents in cup", "condyle on plateau", "dents on plateau")  # fmt: skip
+SURFACES = (
+    "circle on plane",
+    "circle in cup",
+    "condyle on plane",
+    "condyle in cup",
+    "dents on slope",
+    "dents in cup",
+    "condyle on plateau",
+    "dents on plateau",
+)
 CHANGES = ("none", "none", "none", "law", "mass", "tolerance", "level", "mechanism", "share")
 TOLERANCE, LEAST = 1e-6, 1e-12
 """Tolerance of the depth [m]; difference of depths [m] that is rounding"""
@@ -57,7 +65,9 @@ def pair(name: str, moves: bool) -> ContactPair:
     if tibia == "plateau":
         tibiae[tibia] = Plateau(*read_points(CONFIG / "tibia_medial.csv"))
     mechanism = table([0.0, 1.0], [0.0, 0.012]) if moves else hinge()
-    return ContactPair(Circle(0.034) if femur == "circle" else Profile(*points), tibiae[tibia], mechanism)
+    return ContactPair(
+        Circle(0.034) if femur == "circle" else Profile(*points), tibiae[tibia], mechanism
+    )
 
 
 @cache
@@ -74,16 +84,28 @@ def rows(seed: int) -> Iterator[Row]:
     random = np.random.default_rng((seed, 51))
     surfaces, change = str(random.choice(SURFACES)), str(random.choice(CHANGES))
     law = str(random.choice(list(LAWS)))
-    tick = float(np.round(10 ** random.uniform(-4.0, -0.7), 6)) // 64e-9 * 64e-9  # parts have whole nanoseconds, too
-    angle = np.clip(0.5 + np.cumsum(10 ** random.uniform(-3.0, -0.3) * random.uniform(-1.0, 1.0, TICKS)), 0.0, 1.4)
+    tick = (
+        float(np.round(10 ** random.uniform(-4.0, -0.7), 6)) // 64e-9 * 64e-9
+    )  # parts have whole nanoseconds, too
+    angle = np.clip(
+        0.5 + np.cumsum(10 ** random.uniform(-3.0, -0.3) * random.uniform(-1.0, 1.0, TICKS)),
+        0.0,
+        1.4,
+    )
     load = 10 ** random.uniform(-3.0, 2.5) * np.abs(random.normal(1.0, 0.5, TICKS))
     load[random.random(TICKS) < random.choice([0.0, 0.3])] *= -0.02
     if random.random() < ROCKING:
         swing = 10 ** random.uniform(-3.0, -0.5) * random.uniform(0.8, 1.2, TICKS)
         angle = random.choice(summits(surfaces)) + swing * (-1.0) ** np.arange(TICKS)
         load = np.full(TICKS, 10 ** random.uniform(-5.0, 0.5))
-    before = KneeModel(pair(surfaces, False), CONTACT_LAWS[law](**arguments(random, law)), 10 ** random.uniform(-2, 1),
-                       TOLERANCE, budget=BUDGETS[seed % len(BUDGETS)], compiled=True)  # fmt: skip
+    before = KneeModel(
+        pair(surfaces, False),
+        CONTACT_LAWS[law](**arguments(random, law)),
+        10 ** random.uniform(-2, 1),
+        TOLERANCE,
+        budget=BUDGETS[seed % len(BUDGETS)],
+        compiled=True,
+    )
     after, at = changed(random, before, change, surfaces), TICKS // 2
     if change == "share":
         load[at:] *= 0.6
@@ -91,7 +113,12 @@ def rows(seed: int) -> Iterator[Row]:
     tolerance = np.repeat([before.tolerance, after.tolerance], [at, TICKS - at])[: len(best)]
     for parts, series in zip(PARTS[:-1], runs, strict=True):
         name = f"{surfaces}, {law}, {change}, in {parts} parts"
-        yield row((surfaces, f"change: {change}", f"{parts} parts"), name, series, compared(series, best, tolerance))
+        yield row(
+            (surfaces, f"change: {change}", f"{parts} parts"),
+            name,
+            series,
+            compared(series, best, tolerance),
+        )
 
 
 def changed(random: Random, knee: KneeModel, change: str, surfaces: str) -> KneeModel:
@@ -100,33 +127,50 @@ def changed(random: Random, knee: KneeModel, change: str, surfaces: str) -> Knee
     return {
         "law": replace(knee, law=CONTACT_LAWS[law](**arguments(random, law))),
         "mass": replace(knee, mass=knee.mass * 10 ** random.uniform(-0.5, 0.5)),
-        "tolerance": replace(knee, tolerance=1e-8), "level": replace(knee, level=QUASI_STATIC),
+        "tolerance": replace(knee, tolerance=1e-8),
+        "level": replace(knee, level=QUASI_STATIC),
         "mechanism": replace(knee, pair=pair(surfaces, True)),
-    }.get(change, knee)  # fmt: skip
+    }.get(change, knee)
 
 
-def answers(before: KneeModel, after: KneeModel, at: int, samples: list[Floats]) -> list[np.recarray[Any, Any]]:
+def answers(
+    before: KneeModel, after: KneeModel, at: int, samples: list[Floats]
+) -> list[np.recarray[Any, Any]]:
     """Answers at the ticks of a motion in all its cuts, whose knee changes before one of its ticks.
 
     It ends where the finest cut is not right any more, so that nothing can be judged, or the others have not been.
     """
     streams, found = [Stream(before) for _ in PARTS], [list[Rows]() for _ in PARTS]
-    cuts = [[np.interp(np.arange(TICKS * parts - parts + 1) / parts, np.arange(TICKS), one) for one in samples]
-            for parts in PARTS]  # fmt: skip
+    cuts = [
+        [
+            np.interp(np.arange(TICKS * parts - parts + 1) / parts, np.arange(TICKS), one)
+            for one in samples
+        ]
+        for parts in PARTS
+    ]
     for now in range(TICKS):
-        for parts, (time, angle, load), stream, kept in zip(PARTS, cuts, streams, found, strict=True):
+        for parts, (time, angle, load), stream, kept in zip(
+            PARTS, cuts, streams, found, strict=True
+        ):
             if now == at:
                 stream.go_on_with(after)
             here = slice(max(now * parts - parts + 1, 0), now * parts + 1)
             stamps = np.rint(1e9 * time[here]).astype(np.int64)
             kept.append(stream.advance_all(stamps, angle[here], load[here], None)[-1:])
-        lost = [all(one["status"][0] & Status.NOT_CONVERGED for one in kept[-MOST_LOST:]) for kept in found]
-        if found[-1][-1]["status"][0] & Status.NOT_CONVERGED or (all(lost[:-1]) and now >= MOST_LOST):
+        lost = [
+            all(one["status"][0] & Status.NOT_CONVERGED for one in kept[-MOST_LOST:])
+            for kept in found
+        ]
+        if found[-1][-1]["status"][0] & Status.NOT_CONVERGED or (
+            all(lost[:-1]) and now >= MOST_LOST
+        ):
             break
     return [np.concatenate(kept).view(np.recarray) for kept in found]
 
 
-def compared(series: np.recarray[Any, Any], best: np.recarray[Any, Any], tolerance: Floats) -> Judged:
+def compared(
+    series: np.recarray[Any, Any], best: np.recarray[Any, Any], tolerance: Floats
+) -> Judged:
     """Judge a run by another one of the same motion: both estimates together must cover what they differ by."""
     ours, exact = (one.penetration_depth - one.gap for one in (series, best))
     right = series.status & Status.NOT_CONVERGED == 0
@@ -134,6 +178,14 @@ def compared(series: np.recarray[Any, Any], best: np.recarray[Any, Any], toleran
     bound = series.error_estimate + best.error_estimate
     large = known & (error > LEAST)
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = Verdict(error, best.error_estimate, bound, known, large, known & (error <= bound + LEAST),
-                        known & ~(error <= 2.0 * tolerance), bound / error)  # fmt: skip
+        depth = Verdict(
+            error,
+            best.error_estimate,
+            bound,
+            known,
+            large,
+            known & (error <= bound + LEAST),
+            known & ~(error <= 2.0 * tolerance),
+            bound / error,
+        )
     return Judged(depth, None, right, ~right, exact < 0.0, series.fidelity, series.evaluations)

@@ -107,7 +107,9 @@ def leaps(femur: Condyle, start: float, end: float) -> list[float]:
     return found
 
 
-def solve(femur: Condyle, law: Law, mass: float, time: Floats, angle: Floats, load: Floats) -> Solution:
+def solve(
+    femur: Condyle, law: Law, mass: float, time: Floats, angle: Floats, load: Floats
+) -> Solution:
     """Solve a scene from the static start twice, with different accuracy."""
     samples, ticks = [(0.0, angle[0], load[0])], [0]
     for i in range(1, len(time)):
@@ -122,18 +124,29 @@ def solve(femur: Condyle, law: Law, mass: float, time: Floats, angle: Floats, lo
         ticks.append(len(samples))
         samples.append(((1.0 - last) * duration, angle[i], load[i]))
     constants = np.array(
-        [*law.stiffness, *law.exponent, *law.damping, law.layer_depth, law.loss, law.least_impact_speed]
+        [
+            *law.stiffness,
+            *law.exponent,
+            *law.damping,
+            law.layer_depth,
+            law.loss,
+            law.least_impact_speed,
+        ]
     )
     depth = 0.0
     if load[0] > 0.0:
-        depth = brentq(lambda at: _static(constants, at) - load[0], 0.0, 1.0, xtol=1e-18, rtol=1e-15)
+        depth = brentq(
+            lambda at: _static(constants, at) - load[0], 0.0, 1.0, xtol=1e-18, rtol=1e-15
+        )
     start = np.array([-lowest(femur, angle[0])[0] - depth, depth])
     fine, coarse = (
         _solve(*femur, constants, mass, np.array(samples), start, A, B, C, E, *accuracy)[:, ticks]
         for accuracy in (FINE, COARSE)
     )
     depth, rate, force, height = fine
-    return Solution(depth, rate, force, height, _around(depth - coarse[0]), _around(force - coarse[2]))
+    return Solution(
+        depth, rate, force, height, _around(depth - coarse[0]), _around(force - coarse[2])
+    )
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -142,7 +155,9 @@ def _force(law: Floats, layer: int, depth: float, rate: float, impact: float) ->
     over = depth - (law[6] if layer == 1 else 0.0)
     elastic = law[layer] * math.copysign(abs(over) ** law[2 + layer], over)
     base = law[0] * law[6] ** law[2] if layer == 1 else 0.0
-    force: float = base + elastic * (1.0 + law[7] * rate / max(impact, law[8])) + law[4 + layer] * rate
+    force: float = (
+        base + elastic * (1.0 + law[7] * rate / max(impact, law[8])) + law[4 + layer] * rate
+    )
     return force
 
 
@@ -151,7 +166,9 @@ def _static(law: Floats, depth: float) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _left(law: Floats, layer: int, pressing: bool, depth: float, rate: float, impact: float) -> int:
+def _left(
+    law: Floats, layer: int, pressing: bool, depth: float, rate: float, impact: float
+) -> int:
     """Which boundary of its mode a contact lies beyond: 1 above, 2 the change of the force's sign, 3 below; 0: none."""
     if layer >= 0 and depth < (law[6] if layer == 1 else 0.0):
         return 1
@@ -163,9 +180,20 @@ def _left(law: Floats, layer: int, pressing: bool, depth: float, rate: float, im
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _solve(  # noqa: C901, PLR0912, PLR0915
-    begins: Floats, x: Floats, y: Floats, law: Floats, mass: float, samples: Floats, start: Floats, a: Floats,
-    b: Floats, c: Floats, e: Floats, tolerance: float, looks: int,
-) -> Floats:  # fmt: skip
+    begins: Floats,
+    x: Floats,
+    y: Floats,
+    law: Floats,
+    mass: float,
+    samples: Floats,
+    start: Floats,
+    a: Floats,
+    b: Floats,
+    c: Floats,
+    e: Floats,
+    tolerance: float,
+    looks: int,
+) -> Floats:
     """Depth, rate, force and height at all samples, shape (4, n); not a number from where it has been given up."""
     found, slopes = np.full((4, len(samples)), np.nan), np.zeros((2, 13))
     height, velocity, impact, depth, rate = start[0], 0.0, 0.0, start[1], 0.0
@@ -210,7 +238,9 @@ def _solve(  # noqa: C901, PLR0912, PLR0915
                             off += wanted * e[j] * slopes[k, j]
                         error = max(error, abs(off) / (tolerance * size))
                     if not error <= 1.0 and wanted > 1e-15:
-                        wanted *= max(0.2, 0.9 * error ** (-1.0 / 8.0)) if error < math.inf else 0.2
+                        wanted *= (
+                            max(0.2, 0.9 * error ** (-1.0 / 8.0)) if error < math.inf else 0.2
+                        )
                         h = wanted
                         continue
                     fits = True

@@ -57,26 +57,50 @@ class Judged(NamedTuple):
     evaluations: NDArray[np.int_]
 
 
-def judge(series: np.recarray[Any, Any], truth: Solution, tolerance: float, force_tolerance: float = 0.0) -> Judged:
+def judge(
+    series: np.recarray[Any, Any], truth: Solution, tolerance: float, force_tolerance: float = 0.0
+) -> Judged:
     """Judge a run by the reference's solution of the same scene, tolerances in [m] and [N] (0: none was asked for)."""
     right = series.status & Status.NOT_CONVERGED == 0
     signed = series.penetration_depth - series.gap
-    depth = _verdict(signed, truth.depth, truth.depth_bound, series.error_estimate, LEAST_ERROR, right, tolerance)
+    depth = _verdict(
+        signed,
+        truth.depth,
+        truth.depth_bound,
+        series.error_estimate,
+        LEAST_ERROR,
+        right,
+        tolerance,
+    )
     claimed = right & ~(series.error_estimate <= tolerance)
     force = None
     if "force_error_estimate" in (series.dtype.names or ()):
         least = max(LEAST_FORCE_ERROR, LEAST_FORCE_SHARE * float(np.max(np.abs(series.load))))
         asked = force_tolerance if force_tolerance > 0.0 else np.inf
         estimate = series.force_error_estimate
-        force = _verdict(series.contact_force, truth.force, truth.force_bound, estimate, least, right, asked)
+        force = _verdict(
+            series.contact_force, truth.force, truth.force_bound, estimate, least, right, asked
+        )
         claimed |= right & ~((estimate <= asked) & np.isfinite(estimate))
     return Judged(
-        depth, force, right, claimed, truth.depth < 0.0, series.fidelity.astype(int), series.evaluations.astype(int)
+        depth,
+        force,
+        right,
+        claimed,
+        truth.depth < 0.0,
+        series.fidelity.astype(int),
+        series.evaluations.astype(int),
     )
 
 
 def _verdict(
-    ours: Floats, exact: Floats, bound: Floats, estimate: Floats, least: float, right: Flags, tolerance: float
+    ours: Floats,
+    exact: Floats,
+    bound: Floats,
+    estimate: Floats,
+    least: float,
+    right: Flags,
+    tolerance: float,
 ) -> Verdict:
     error = np.abs(ours - exact)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -85,6 +109,8 @@ def _verdict(
         known = bound < KNOWN * np.maximum(error, least)
         large = known & (error > least)
         covered = known & (~large | (error <= estimate + bound))
-        wrong = right & ((known & (error > tolerance + bound)) | ~np.isfinite(estimate) | ~np.isfinite(ours))
+        wrong = right & (
+            (known & (error > tolerance + bound)) | ~np.isfinite(estimate) | ~np.isfinite(ours)
+        )
         ratio = np.where(large, estimate / error, np.nan)
     return Verdict(error, bound, estimate, known, large, covered, wrong, ratio)

@@ -45,4 +45,6 @@ STUDIES: dict[str, tuple[Callable[[int], Iterator[Row]], int]] = {
 
 def found(study: str, part: float, seed: int) -> tuple[int, list[Row]]:
     """Return a number and its rows; `part` is that of the duration of long runs."""
-    return seed, list(long_runs.rows(seed, part) if study == "long_runs" else STUDIES[study][0](seed))
+    return seed, list(
+        long_runs.rows(seed, part) if study == "long_runs" else STUDIES[study][0](seed)
+    )

@@ -37,7 +37,9 @@ def walk(random: Random, time: Floats, mean: float) -> Floats:
 def steps(random: Random, time: Floats, mean: float) -> Floats:
     """A load [N] that is held and jumps from one tick to the next, at times negative or 0, shape (n,)."""
     values = random.choice([0.0, -0.3, 0.2, 0.5, 1.0, 1.5, 3.0], len(time)) * mean
-    held = np.maximum.accumulate(np.where(random.random(len(time)) < 0.08, np.arange(len(time)), 0))
+    held = np.maximum.accumulate(
+        np.where(random.random(len(time)) < 0.08, np.arange(len(time)), 0)
+    )
     return np.asarray(values[held], dtype=np.float64)
 
 
@@ -52,7 +54,9 @@ def running(random: Random, time: Floats, _mean: float) -> Floats:
     peak = random.uniform(2.5, 3.0) * random.uniform(0.5, 0.7) * BODY_WEIGHT
     aerial = random.choice([0.0, -random.uniform(1.0, 30.0)])
     phase = np.mod(time + random.uniform(0.0, period), period)
-    return np.where(phase < contact, peak * np.sin(math.pi * np.minimum(phase / contact, 1.0)), aerial)
+    return np.where(
+        phase < contact, peak * np.sin(math.pi * np.minimum(phase / contact, 1.0)), aerial
+    )
 
 
 def walking(random: Random, time: Floats, _mean: float) -> Floats:
@@ -66,9 +70,15 @@ def lifting_off(random: Random, time: Floats, mean: float) -> Floats:
 
 
 LOADS: dict[str, Callable[[Random, Floats, float], Floats]] = {
-    "press": press, "pull": pull, "walk": walk, "steps": steps, "noise": noise, "running": running,
-    "gait": walking, "gait, lift-off": lifting_off,
-}  # fmt: skip
+    "press": press,
+    "pull": pull,
+    "walk": walk,
+    "steps": steps,
+    "noise": noise,
+    "running": running,
+    "gait": walking,
+    "gait, lift-off": lifting_off,
+}
 GAITS = ("running", "gait", "gait, lift-off")
 
 

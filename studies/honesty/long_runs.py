@@ -68,7 +68,9 @@ def held_in_swing(random: Random, time: Floats) -> tuple[Floats, Floats]:
     """The recorded gait less 150 N, with muscles that press between the strides by 5 to 80 N: lift-offs of 0.1 mm."""
     angle, load = running(random, time)
     stride = np.floor(time / 0.7).astype(int)
-    return angle, np.maximum(load, random.choice([5.0, 10.0, 20.0, 40.0, 80.0], int(stride[-1]) + 1)[stride])
+    return angle, np.maximum(
+        load, random.choice([5.0, 10.0, 20.0, 40.0, 80.0], int(stride[-1]) + 1)[stride]
+    )
 
 
 def wandering(random: Random, time: Floats) -> tuple[Floats, Floats]:
@@ -92,7 +94,12 @@ def thrown(_random: Random, time: Floats) -> tuple[Floats, Floats]:
 def long_runs() -> Iterator[LongRun]:
     """List all runs."""
     soft = KNEE | {"damping": 20.0}
-    impact = {"stiffness": KNEE["stiffness"], "exponent": 1.5, "restitution": 0.97, "least_impact_speed": 0.1}
+    impact = {
+        "stiffness": KNEE["stiffness"],
+        "exponent": 1.5,
+        "restitution": 0.97,
+        "least_impact_speed": 0.1,
+    }
     for family in (HEALTHY, ARTHRITIC):
         law, arguments = shipped(family)
         yield LongRun(f"{family}, gait", law, arguments, 1.0, 200.0, walking)
@@ -100,15 +107,33 @@ def long_runs() -> Iterator[LongRun]:
         yield LongRun(f"{family}, gait with lift-offs", law, arguments, 0.5, 1000.0, lifting_off)
         yield LongRun(f"{family}, running", law, arguments, 1.0, 200.0, running)
         yield LongRun(f"{family}, running", law, arguments, 0.5, 1000.0, running)
-        yield LongRun(f"{family}, running, held in swing", law, arguments, 0.5, 200.0, held_in_swing)
-        yield LongRun(f"{family}, running, held in swing", law, arguments, 0.25, 1000.0, held_in_swing)
+        yield LongRun(
+            f"{family}, running, held in swing", law, arguments, 0.5, 200.0, held_in_swing
+        )
+        yield LongRun(
+            f"{family}, running, held in swing", law, arguments, 0.25, 1000.0, held_in_swing
+        )
         yield LongRun(f"{family}, wandering load", law, arguments, 0.5, 500.0, wandering)
         yield LongRun(f"{family}, shaken", law, arguments, 0.5, 1000.0, shaken)
         yield LongRun(f"{family}, thrown", law, arguments, 0.25, 1000.0, thrown)
     yield LongRun("Kelvin-Voigt, 20 N s/m, thrown", "kelvin_voigt", soft, 0.25, 1000.0, thrown)
     yield LongRun("Hunt-Crossley, e = 0.97, thrown", "hunt_crossley", impact, 0.25, 1000.0, thrown)
-    yield LongRun("Hertz, gait", "hertz", {key: KNEE[key] for key in ("stiffness", "exponent")}, 0.25, 200.0, walking)
-    yield LongRun("Hertz, thrown", "hertz", {key: KNEE[key] for key in ("stiffness", "exponent")}, 0.1, 1000.0, thrown)
+    yield LongRun(
+        "Hertz, gait",
+        "hertz",
+        {key: KNEE[key] for key in ("stiffness", "exponent")},
+        0.25,
+        200.0,
+        walking,
+    )
+    yield LongRun(
+        "Hertz, thrown",
+        "hertz",
+        {key: KNEE[key] for key in ("stiffness", "exponent")},
+        0.1,
+        1000.0,
+        thrown,
+    )
 
 
 def scene_of(run: LongRun, part: float, seed: int) -> Scene:
@@ -116,7 +141,20 @@ def scene_of(run: LongRun, part: float, seed: int) -> Scene:
     count = max(int(run.hours * HOUR * run.rate * part), 2000)
     time = np.rint(np.arange(count) * (1e9 / run.rate)) * 1e-9
     angle, load = run.drive(np.random.default_rng((seed, 17)), time)
-    return Scene(seed, run.name, run.law, run.arguments, FEMUR, (0.034, 0.030), 0.0, False, "", time, angle, load)
+    return Scene(
+        seed,
+        run.name,
+        run.law,
+        run.arguments,
+        FEMUR,
+        (0.034, 0.030),
+        0.0,
+        False,
+        "",
+        time,
+        angle,
+        load,
+    )
 
 
 COUNT = len(list(long_runs()))
@@ -131,6 +169,12 @@ def rows(seed: int, part: float = 1.0) -> Iterator[Row]:
     stamps = np.rint(scene.time * 1e9).astype(np.int64)
     for begin in range(0, len(stamps), CHUNK):
         here = slice(begin, begin + CHUNK)
-        series = stream.advance_all(stamps[here], scene.angle[here], scene.load[here], None).view(np.recarray)
-        judged = judge(series, truth.take(scene.time[here], scene.angle[here], scene.load[here]), TOLERANCE)
-        yield row((f"{run.name}, {run.rate:g} Hz",), f"from {scene.time[begin]:g} s", series, judged)
+        series = stream.advance_all(stamps[here], scene.angle[here], scene.load[here], None).view(
+            np.recarray
+        )
+        judged = judge(
+            series, truth.take(scene.time[here], scene.angle[here], scene.load[here]), TOLERANCE
+        )
+        yield row(
+            (f"{run.name}, {run.rate:g} Hz",), f"from {scene.time[begin]:g} s", series, judged
+        )

@@ -63,15 +63,22 @@ def draw(seed: int) -> Scene:
         constants = {**KNEE, "restitution": 0.5, "least_impact_speed": 0.1}
         del constants["damping"]
     fixed = ("exponent", "damp_first_layer")
-    arguments = {name: value if name in fixed else varied(value) for name, value in constants.items()}
-    points, dents = read_points(CONFIG / str(random.choice(["femur_medial.csv", "femur_lateral.csv"]))), DENTS[seed % 4]
+    arguments = {
+        name: value if name in fixed else varied(value) for name, value in constants.items()
+    }
+    points, dents = (
+        read_points(CONFIG / str(random.choice(["femur_medial.csv", "femur_lateral.csv"]))),
+        DENTS[seed % 4],
+    )
     points = points + random.normal(0.0, 1.0, points.shape) * dents
     return Scene(seed, law, arguments, varied(FEMUR), dents, points, *_series(random))
 
 
 def _series(random: Random) -> tuple[Floats, Floats, Floats]:
     """Times, angles and loads of noisy gait: stamps of 100 Hz to 10 kHz in one run, and spikes of the encoder."""
-    durations = 10 ** np.clip(random.uniform(-4.0, -2.0) + np.cumsum(random.normal(0.0, 0.3, TICKS)), -4.0, -2.0)
+    durations = 10 ** np.clip(
+        random.uniform(-4.0, -2.0) + np.cumsum(random.normal(0.0, 0.3, TICKS)), -4.0, -2.0
+    )
     if random.random() < 0.5:
         durations = 10 ** random.uniform(-4.0, -2.0, TICKS)
     time = np.rint(np.cumsum(durations) * 1e9) * 1e-9
@@ -88,7 +95,9 @@ def _series(random: Random) -> tuple[Floats, Floats, Floats]:
 def knee(scene: Scene) -> KneeModel:
     """Compiled model of a scene, without a budget."""
     pair = ContactPair(Profile(*scene.points), Plane(0.0), hinge())
-    return KneeModel(pair, CONTACT_LAWS[scene.law](**scene.arguments), scene.mass, budget=0, compiled=True)
+    return KneeModel(
+        pair, CONTACT_LAWS[scene.law](**scene.arguments), scene.mass, budget=0, compiled=True
+    )
 
 
 def rows(seed: int) -> Iterator[Row]:
@@ -97,7 +106,12 @@ def rows(seed: int) -> Iterator[Row]:
     model = knee(scene)
     try:
         truth = solve(
-            condyle(scene.points), LAWS[scene.law](**scene.arguments), scene.mass, scene.time, scene.angle, scene.load
+            condyle(scene.points),
+            LAWS[scene.law](**scene.arguments),
+            scene.mass,
+            scene.time,
+            scene.angle,
+            scene.load,
         )
     except RuntimeError:  # there is no reference
         return
@@ -111,5 +125,9 @@ def rows(seed: int) -> Iterator[Row]:
         name = next(f"budget below {end}" for end in (100, 1000, 100_000) if budget < end)
         settings.append((name, float(random.choice(TOLERANCES)), {"budget": budget}))
     for name, tolerance, values in settings:
-        series = replace(model, tolerance=tolerance, **values).run(scene.time, scene.angle, scene.load)
-        yield row((name, f"dents of {scene.dents:g} m"), name, series, judge(series, truth, tolerance))
+        series = replace(model, tolerance=tolerance, **values).run(
+            scene.time, scene.angle, scene.load
+        )
+        yield row(
+            (name, f"dents of {scene.dents:g} m"), name, series, judge(series, truth, tolerance)
+        )

@@ -19,10 +19,14 @@ from studies.honesty.scenes import Scene
 @lru_cache(maxsize=8)
 def pair(half_axes: tuple[float, float], slope: float) -> ContactPair:
     """An ellipse, its half axes in [m], on a plane: its table is made once for all models of a scene."""
-    return ContactPair(SmoothFemur(closed_form=Ellipse(*map(float, half_axes)).support), Plane(slope), hinge())
+    return ContactPair(
+        SmoothFemur(closed_form=Ellipse(*map(float, half_axes)).support), Plane(slope), hinge()
+    )
 
 
-def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> KneeModel:
+def knee(
+    scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0
+) -> KneeModel:
     """Compiled model of a scene at a level of `LEVELS`; tolerances are in [m] and, unless it is 0, in [N]."""
     return KneeModel(
         pair=pair(scene.half_axes, scene.slope),
@@ -41,4 +45,6 @@ def model(
     scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0
 ) -> np.recarray[Any, Any]:
     """Answers of the model to a scene, one per tick."""
-    return knee(scene, level, tolerance, budget, force_tolerance).run(scene.time, scene.angle, scene.load)
+    return knee(scene, level, tolerance, budget, force_tolerance).run(
+        scene.time, scene.angle, scene.load
+    )

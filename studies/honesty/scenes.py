@@ -43,7 +43,14 @@ class Scene(NamedTuple):
 
     def content(self) -> str:
         """Digest of all that a solution depends on."""
-        numbers = (self.law, sorted(self.arguments.items()), self.mass, self.half_axes, self.slope, self.allow_tension)
+        numbers = (
+            self.law,
+            sorted(self.arguments.items()),
+            self.mass,
+            self.half_axes,
+            self.slope,
+            self.allow_tension,
+        )
         digest = hashlib.sha256(repr(numbers).encode())
         for column in (self.time, self.angle, self.load):
             digest.update(np.ascontiguousarray(column).tobytes())
@@ -54,7 +61,9 @@ def draw(seed: int, ticks: int = TICKS) -> Scene:
     """Draw the scene of a seed: two in three from wide ranges, the others plausible knees."""
     random = np.random.default_rng((seed, 16))
     family = str(random.choice(FAMILIES, p=(0.68, 0.16, 0.16)))
-    return _wide(random, seed, ticks) if family == WIDE else _plausible(random, seed, family, ticks)
+    return (
+        _wide(random, seed, ticks) if family == WIDE else _plausible(random, seed, family, ticks)
+    )
 
 
 def _decades(random: Random, low: float, high: float) -> float:
@@ -78,7 +87,11 @@ def _wide(random: Random, seed: int, ticks: int) -> Scene:
     time = _times(random, tick, ticks)
     load = LOADS[loads](random, time, mean)
     round_ = random.random() < 0.4
-    axes = (0.034, 0.034) if round_ else (float(random.uniform(0.02, 0.05)), float(random.uniform(0.02, 0.05)))
+    axes = (
+        (0.034, 0.034)
+        if round_
+        else (float(random.uniform(0.02, 0.05)), float(random.uniform(0.02, 0.05)))
+    )
     angle = ANGLES[int(random.integers(len(ANGLES)))](random, time)
     slope = 0.0 if random.random() < 0.4 else float(random.uniform(-0.3, 0.3))
     constants = arguments(random, law)
@@ -102,13 +115,20 @@ def arguments(random: Random, law: str) -> dict[str, Any]:
     stiffness = _decades(random, 6.0, 11.0) * DEEP ** (1.5 - exponent)
     damping = 0.0 if random.random() < 0.05 else _decades(random, 1.0, 5.5)
     spring = {"stiffness": stiffness, "exponent": exponent}
-    layers = {"layer_depth": _decades(random, -4.5, -3.0), "stiffness_2": stiffness * _decades(random, 0.0, 2.0)}
-    impact = {"restitution": float(random.uniform(0.05, 1.0)), "least_impact_speed": _decades(random, -3.0, 0.0)}
+    layers = {
+        "layer_depth": _decades(random, -4.5, -3.0),
+        "stiffness_2": stiffness * _decades(random, 0.0, 2.0),
+    }
+    impact = {
+        "restitution": float(random.uniform(0.05, 1.0)),
+        "least_impact_speed": _decades(random, -3.0, 0.0),
+    }
     return spring | {
         "hertz": {},
         "kelvin_voigt": {"damping": damping},
         "two_layer_elastic": layers,
-        "two_layer_viscoelastic": layers | {"damping": damping, "damp_first_layer": bool(random.random() < 0.5)},
+        "two_layer_viscoelastic": layers
+        | {"damping": damping, "damp_first_layer": bool(random.random() < 0.5)},
     }.get(law, impact)
 
 
@@ -127,10 +147,16 @@ def _plausible(random: Random, seed: int, family: str, ticks: int) -> Scene:
 
     law, constants = shipped(family)
     fixed = ("exponent", "damp_first_layer")
-    arguments = {name: value if name in fixed else varied(value) for name, value in constants.items()}
+    arguments = {
+        name: value if name in fixed else varied(value) for name, value in constants.items()
+    }
     loads = str(random.choice(GAITS))
     time = _times(random, _decades(random, -3.0, -2.3), ticks)
     load = LOADS[loads](random, time, 0.0)
-    axes = (0.034, 0.034) if random.random() < 0.4 else (0.034, float(random.uniform(0.026, 0.036)))
+    axes = (
+        (0.034, 0.034) if random.random() < 0.4 else (0.034, float(random.uniform(0.026, 0.036)))
+    )
     angle = swing(random, time)
-    return Scene(seed, family, law, arguments, varied(FEMUR), axes, 0.0, False, loads, time, angle, load)
+    return Scene(
+        seed, family, law, arguments, varied(FEMUR), axes, 0.0, False, loads, time, angle, load
+    )

@@ -12,12 +12,32 @@ import numpy as np
 from studies.honesty.judging import Judged
 
 COLUMNS = (
-    "study", "group", "runs", "ticks", "flagged", "known", "covered", "OK and wrong", "in runs", "not finite",
-    "forces known", "forces covered", "forces OK and wrong", "estimate over error", "evaluations per tick",
-)  # fmt: skip
+    "study",
+    "group",
+    "runs",
+    "ticks",
+    "flagged",
+    "known",
+    "covered",
+    "OK and wrong",
+    "in runs",
+    "not finite",
+    "forces known",
+    "forces covered",
+    "forces OK and wrong",
+    "estimate over error",
+    "evaluations per tick",
+)
 """Columns of the table. Shares are of the ticks (flagged, known) and of the known ones (covered); the estimate over the
 error is the median over runs of their medians, in contact and apart"""
-FIELDS = ("penetration_depth", "gap", "contact_force", "femoral_height", "error_estimate", "force_error_estimate")
+FIELDS = (
+    "penetration_depth",
+    "gap",
+    "contact_force",
+    "femoral_height",
+    "error_estimate",
+    "force_error_estimate",
+)
 
 
 class Row(NamedTuple):
@@ -56,10 +76,19 @@ def row(groups: Sequence[str], name: str, series: np.recarray[Any, Any], judged:
         forces = int(force.known.sum()), int(force.covered.sum()), int(force.wrong.sum())
     ratio = float(np.median(depth.ratio[depth.large])) if depth.large.any() else np.nan
     return Row(
-        tuple(groups), name, len(series), int((~judged.said_right).sum()), int(depth.known.sum()),
-        int(depth.covered.sum()), int(depth.wrong.sum()), not_finite(series), forces, ratio,
-        int(judged.evaluations.sum()), float(depth.error[depth.wrong].max(initial=0.0)),
-    )  # fmt: skip
+        tuple(groups),
+        name,
+        len(series),
+        int((~judged.said_right).sum()),
+        int(depth.known.sum()),
+        int(depth.covered.sum()),
+        int(depth.wrong.sum()),
+        not_finite(series),
+        forces,
+        ratio,
+        int(judged.evaluations.sum()),
+        float(depth.error[depth.wrong].max(initial=0.0)),
+    )
 
 
 def table(study: str, rows: Iterable[Row]) -> list[tuple[str, ...]]:
@@ -77,14 +106,25 @@ def table(study: str, rows: Iterable[Row]) -> list[tuple[str, ...]]:
         ticks, known = sum(one.ticks for one in found), sum(one.known for one in found)
         forces = [sum(one.forces[i] for one in found) for i in range(3)]
         ratios = [one.ratio for one in found if np.isfinite(one.ratio)]
-        lines.append((
-            study, group, str(len(found)), str(ticks), share(sum(one.flagged for one in found), ticks),
-            share(known, ticks), share(sum(one.covered for one in found), known),
-            str(sum(one.wrong for one in found)), str(sum(one.wrong > 0 for one in found)),
-            str(sum(one.not_finite for one in found)), share(forces[0], ticks), share(forces[1], forces[0]),
-            str(forces[2]), f"{np.median(ratios):.3g}" if ratios else "",
-            f"{sum(one.evaluations for one in found) / ticks:.1f}",
-        ))  # fmt: skip
+        lines.append(
+            (
+                study,
+                group,
+                str(len(found)),
+                str(ticks),
+                share(sum(one.flagged for one in found), ticks),
+                share(known, ticks),
+                share(sum(one.covered for one in found), known),
+                str(sum(one.wrong for one in found)),
+                str(sum(one.wrong > 0 for one in found)),
+                str(sum(one.not_finite for one in found)),
+                share(forces[0], ticks),
+                share(forces[1], forces[0]),
+                str(forces[2]),
+                f"{np.median(ratios):.3g}" if ratios else "",
+                f"{sum(one.evaluations for one in found) / ticks:.1f}",
+            )
+        )
     return lines
 
 

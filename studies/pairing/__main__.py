@@ -40,8 +40,12 @@ Clocks of both that are set back right after a pause, to just behind what was th
 If three wrong stamps in a row have by chance the time to which the other stream's clock is set just then, both streams
 agree, and both are believed. This is counted as a breach."""
 HEADER = (
-    "disturbance", "times", "breaches", "answers flagged, per time", "good samples lost, per time",
-)  # fmt: skip
+    "disturbance",
+    "times",
+    "breaches",
+    "answers flagged, per time",
+    "good samples lost, per time",
+)
 
 
 class Sum:
@@ -65,30 +69,54 @@ class Sum:
         times = max(self.disturbances[kind], 1)
         breaches = sum(breach.kind == kind for _, breach in self.breaches)
         return [
-            kind.replace("_", " "), str(self.disturbances[kind]), str(breaches), f"{self.flagged[kind] / times:.2f}",
+            kind.replace("_", " "),
+            str(self.disturbances[kind]),
+            str(breaches),
+            f"{self.flagged[kind] / times:.2f}",
             f"{self.lost[kind] / times:.2f}",
-        ]  # fmt: skip
+        ]
 
 
 @click.command()
 @click.option("--disturbances", default=100_000, show_default=True)
-@click.option("--minutes", default=math.inf, help="Stop after so long; the page tells how far it came.")
+@click.option(
+    "--minutes", default=math.inf, help="Stop after so long; the page tells how far it came."
+)
 @click.option("--seed", default=0, show_default=True)
 @click.option("--workers", default=2, show_default=True)
-@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/pairing.md"), show_default=True)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("docs/studies/pairing.md"),
+    show_default=True,
+)
 def main(disturbances: int, minutes: float, seed: int, workers: int, output: Path) -> None:
     """Measure and write the table."""
-    seeds, total, end = range(seed, seed + disturbances // IN_A_WORLD), Sum(), time.monotonic() + 60.0 * minutes
+    seeds, total, end = (
+        range(seed, seed + disturbances // IN_A_WORLD),
+        Sum(),
+        time.monotonic() + 60.0 * minutes,
+    )
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         for number, found in pool.map(judged, seeds, chunksize=20):
             total.add(number, found)
             for breach in found.breaches[:SHOWN]:
-                click.echo(f"seed {number}: {breach.what} ({breach.kind}): {breach.arrival}", err=True)
+                click.echo(
+                    f"seed {number}: {breach.what} ({breach.kind}): {breach.arrival}", err=True
+                )
             if time.monotonic() > end:
                 pool.shutdown(wait=False, cancel_futures=True)
                 break
-    command = f"python -m studies.pairing --disturbances {total.disturbances.total()} --seed {seed}"
-    save(output, "Pairing", command, [Section("", TEXT, HEADER, [total.row(kind) for kind in KINDS])], machine())
+    command = (
+        f"python -m studies.pairing --disturbances {total.disturbances.total()} --seed {seed}"
+    )
+    save(
+        output,
+        "Pairing",
+        command,
+        [Section("", TEXT, HEADER, [total.row(kind) for kind in KINDS])],
+        machine(),
+    )
 
 
 if __name__ == "__main__":

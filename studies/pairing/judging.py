@@ -110,7 +110,11 @@ def judge(world: World) -> Judged:
     for number, arrival in enumerate(world.arrivals):
         given, before = answers.get(number, []), account.before(arrival)
         kind = before.kind if before else ""
-        what = account.of_load(arrival, given) if arrival.stream == LOAD else account.of_angle(arrival, handed[number])
+        what = (
+            account.of_load(arrival, given)
+            if arrival.stream == LOAD
+            else account.of_angle(arrival, handed[number])
+        )
         if what:
             found.breaches.append(Breach(what, arrival, kind))
         if not arrival.good:
@@ -134,8 +138,12 @@ class Account:
         self._latency = max(sensor.latency for sensor in world.sensors)
         self.end = world.now - self._heals
         """True time [ns] before which samples are followed by others"""
-        self._good: dict[int, list[Arrival]] = defaultdict(list)  # angles by the setting of their clock
-        self._latest: dict[tuple[int, int], int] = {}  # of a stream's earlier settings the largest stamp
+        self._good: dict[int, list[Arrival]] = defaultdict(
+            list
+        )  # angles by the setting of their clock
+        self._latest: dict[
+            tuple[int, int], int
+        ] = {}  # of a stream's earlier settings the largest stamp
         self._loads = {a.setting: a for a in world.arrivals if a.good and a.stream == LOAD}
         """Last good load of each setting of the loads' clock"""
         self._wrong = [a for a in world.arrivals if not a.good and a.stream == ANGLE]
@@ -158,9 +166,13 @@ class Account:
             if (bridge := _bridge(last, self._good[after]))
         ]
         if self._crowded:  # where good angles may be lost, those that are not are neighbours
-            bridges += [recorded for recorded in self._recorded(world, handed).values() if recorded]
+            bridges += [
+                recorded for recorded in self._recorded(world, handed).values() if recorded
+            ]
         self._good |= {-1 - number: bridge for number, bridge in enumerate(bridges)}
-        self._stamps = {setting: [angle.stamp for angle in angles] for setting, angles in self._good.items()}
+        self._stamps = {
+            setting: [angle.stamp for angle in angles] for setting, angles in self._good.items()
+        }
 
     def _recorded(self, world: World, handed: Mapping[int, int]) -> dict[int, list[Arrival]]:
         """Good angles that were recorded, by the setting of their clock."""
@@ -178,7 +190,9 @@ class Account:
         if len(given) > 1:
             return "answered twice"
         if not given:
-            return "" if self._may_be_lost(load) or self._lies_before_angles(load) else "not answered"
+            return (
+                "" if self._may_be_lost(load) or self._lies_before_angles(load) else "not answered"
+            )
         (answer,) = given
         if _unflagged(answer) and not self._is_right(load, answer):
             return "a wrong angle without a flag"
@@ -206,7 +220,8 @@ class Account:
     def _quiet(self, taken: int) -> bool:
         """Whether all disturbances before had time to heal, and none comes soon."""
         return taken < self.end and all(
-            taken > d.ends + self._heals or taken < d.begins - self._heals for d in self._disturbances
+            taken > d.ends + self._heals or taken < d.begins - self._heals
+            for d in self._disturbances
         )
 
     def _may_be_lost(self, arrival: Arrival) -> bool:
@@ -222,26 +237,38 @@ class Account:
         before, last = self._loads.get(load.setting - 1), self._loads.get(load.setting)
         if before and load.arrives - before.arrives <= self._heals:
             return True
-        if any(abs(angle.stamp - load.stamp) <= MAX_GAP for angle in self._wrong_angles_near(load)):
+        if any(
+            abs(angle.stamp - load.stamp) <= MAX_GAP for angle in self._wrong_angles_near(load)
+        ):
             return True
         angles = [
             angle
             for setting in range(max(self._good) + 1)
             for angle in self._good.get(setting, ())
-            if abs(angle.arrives - load.arrives) <= self._heals and abs(angle.stamp - load.stamp) <= MAX_GAP
+            if abs(angle.arrives - load.arrives) <= self._heals
+            and abs(angle.stamp - load.stamp) <= MAX_GAP
         ]
         return last is not None and any(
-            abs((angle.stamp - angle.taken) - (last.stamp - last.taken)) > MAX_GAP for angle in angles
+            abs((angle.stamp - angle.taken) - (last.stamp - last.taken)) > MAX_GAP
+            for angle in angles
         )
 
     def _wrong_angles_near(self, load: Arrival) -> list[Arrival]:
-        first = bisect.bisect_left(self._wrong, load.arrives - self._heals, key=attrgetter("arrives"))
-        last = bisect.bisect_right(self._wrong, load.arrives + self._heals, key=attrgetter("arrives"))
+        first = bisect.bisect_left(
+            self._wrong, load.arrives - self._heals, key=attrgetter("arrives")
+        )
+        last = bisect.bisect_right(
+            self._wrong, load.arrives + self._heals, key=attrgetter("arrives")
+        )
         return self._wrong[first:last]
 
     def _lies_before_angles(self, load: Arrival) -> bool:
         """Whether a load lies before all angles of a clock that has just been set, or of the beginning."""
-        near = (angles for angles in self._good.values() if abs(angles[0].taken - load.taken) <= self._heals)
+        near = (
+            angles
+            for angles in self._good.values()
+            if abs(angles[0].taken - load.taken) <= self._heals
+        )
         return any(load.stamp < angles[0].stamp for angles in near)
 
     def _is_right(self, load: Arrival, answer: Answer) -> bool:
@@ -265,7 +292,9 @@ class Account:
 
     def _possible(self, load: Arrival) -> int:
         """True time [ns] by which it can be answered: its own arrival, or that of the first angle at or after it."""
-        settings = [s for s, stamps in self._stamps.items() if stamps[0] <= load.stamp <= stamps[-1]]
+        settings = [
+            s for s, stamps in self._stamps.items() if stamps[0] <= load.stamp <= stamps[-1]
+        ]
         after = [self._good[s][bisect.bisect_left(self._stamps[s], load.stamp)] for s in settings]
         near = [angle for angle in after if abs(angle.taken - load.taken) <= self._heals]
         return max(load.arrives, *(angle.arrives for angle in near)) if near else load.arrives

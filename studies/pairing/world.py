@@ -64,7 +64,9 @@ class Sensor:
         if taken < self.silent_until:
             return None
         stamp = taken + self.offset + wrong_by
-        return Arrival(taken + self.latency, self.stream, stamp, taken, self.setting, wrong_by == 0)
+        return Arrival(
+            taken + self.latency, self.stream, stamp, taken, self.setting, wrong_by == 0
+        )
 
     def set_clock(self, offset: int) -> None:
         """Set the clock to another offset [ns]."""
@@ -97,7 +99,9 @@ class World:
         self.disturbances: list[Disturbance] = []
         self.slowest = max(sensor.period for sensor in self.sensors)
         self._begin()
-        self.run_for(self.rng.choice((3, 6, REST)) * self.slowest + max(LATENCIES))  # both have begun
+        self.run_for(
+            self.rng.choice((3, 6, REST)) * self.slowest + max(LATENCIES)
+        )  # both have begun
         for _ in range(disturbances):
             for place in range(crowded):
                 if place:
@@ -213,7 +217,9 @@ def two_publishers(world: World, sensor: Sensor) -> None:
         last = world.arrivals[-1]
         if last.good and last.stream == sensor.stream:
             off = by + sensor.period // 3
-            world.arrivals.append(last._replace(stamp=last.stamp + off, arrives=last.arrives + 1, good=False))
+            world.arrivals.append(
+                last._replace(stamp=last.stamp + off, arrives=last.arrives + 1, good=False)
+            )
     world.run_for(sensor.now - world.sensors[1 - sensor.stream].now + 1)
 
 
@@ -236,9 +242,19 @@ def nothing(_world: World, _sensor: Sensor) -> None:
 KINDS: dict[str, Callable[[World, Sensor], None]] = {
     kind.__name__: kind
     for kind in (
-        ahead, behind, doubled, pause, pause_of_both, step, step_of_both, restart, two_publishers, drift, nothing,
+        ahead,
+        behind,
+        doubled,
+        pause,
+        pause_of_both,
+        step,
+        step_of_both,
+        restart,
+        two_publishers,
+        drift,
+        nothing,
     )
-}  # fmt: skip
+}
 
 
 def _jump(world: World) -> int:

@@ -52,17 +52,23 @@ def elastic_foundation(
     tibial_radius: float,
 ) -> Law:
     """Johnson 1985, Sec. 4.3: springs of modulus M/t under a paraboloid, integrated over the contact: π R (M/t) δ²."""
-    lame = youngs_modulus * poissons_ratio / ((1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio))
+    lame = (
+        youngs_modulus * poissons_ratio / ((1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio))
+    )
     shear = 0.5 * youngs_modulus / (1.0 + poissons_ratio)
     confined = lame + 2.0 * shear
     radius = femoral_radius / (1.0 - femoral_radius / tibial_radius)
-    return spring_and_dashpot(stiffness=math.pi * radius * confined / foundation_thickness, exponent=2.0)
+    return spring_and_dashpot(
+        stiffness=math.pi * radius * confined / foundation_thickness, exponent=2.0
+    )
 
 
 def remembering(loss: Callable[[float], float]) -> Callable[..., Law]:
     """The laws whose damping is D/v₀, from D as a function of the coefficient of restitution e."""
 
-    def law(*, stiffness: float, exponent: float, restitution: float, least_impact_speed: float) -> Law:
+    def law(
+        *, stiffness: float, exponent: float, restitution: float, least_impact_speed: float
+    ) -> Law:
         one = spring_and_dashpot(stiffness=stiffness, exponent=exponent)
         return one._replace(loss=loss(restitution), least_impact_speed=least_impact_speed)
 

@@ -55,7 +55,11 @@ def fingerprint() -> str:
 
 def cache_folder() -> Path:
     """Where compiled code and solutions are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "knee_contact_ros" / "reference"
+    return (
+        Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        / "knee_contact_ros"
+        / "reference"
+    )
 
 
 @functools.cache
@@ -71,7 +75,9 @@ def library() -> ctypes.CDLL:
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             made = Path(folder) / path.name
             sources = [str(source) for source in sorted(SOURCE.glob("*.c"))]
-            subprocess.run([os.environ.get("CC", "cc"), *FLAGS, "-o", str(made), *sources, "-lm"], check=True)
+            subprocess.run(
+                [os.environ.get("CC", "cc"), *FLAGS, "-o", str(made), *sources, "-lm"], check=True
+            )
             made.replace(path)
     loaded = ctypes.CDLL(str(path))
     loaded.state_size.restype = ctypes.c_ulong

@@ -20,7 +20,9 @@ def nodes(stages: int) -> list[Decimal]:
     """Zeros of the (s-1)-th derivative of x^(s-1) (x-1)^s, the last of which is 1."""
     # x^(s-1) (x-1)^s has integer coefficients, and so has its derivative
     polynomial = [
-        Decimal(math.comb(stages, k) * (-1) ** (stages - k) * math.perm(k + stages - 1, stages - 1))
+        Decimal(
+            math.comb(stages, k) * (-1) ** (stages - k) * math.perm(k + stages - 1, stages - 1)
+        )
         for k in range(stages + 1)
     ]
 
@@ -32,7 +34,10 @@ def nodes(stages: int) -> list[Decimal]:
 
     found, cells = [], 4096
     for cell in range(cells - 1):  # the zero at 1 is known
-        low, high = (Decimal(cell) + Decimal("0.5")) / cells, (Decimal(cell) + Decimal("1.5")) / cells
+        low, high = (
+            (Decimal(cell) + Decimal("0.5")) / cells,
+            (Decimal(cell) + Decimal("1.5")) / cells,
+        )
         if high < 1 and value(low) * value(high) < 0:
             for _ in range(200):
                 middle = (low + high) / 2

@@ -61,16 +61,26 @@ class _Run:
         law = knee.law
         pair = ctypes.c_double * 2
         self._constants = Constants(
-            pair(*law.stiffness), pair(*law.exponent), pair(*law.damping), law.layer_depth, law.loss,
-            law.least_impact_speed, knee.allow_tension, knee.mass, *knee.half_axes, knee.slope,
-        )  # fmt: skip
+            pair(*law.stiffness),
+            pair(*law.exponent),
+            pair(*law.damping),
+            law.layer_depth,
+            law.loss,
+            law.least_impact_speed,
+            knee.allow_tension,
+            knee.mass,
+            *knee.half_axes,
+            knee.slope,
+        )
         self._accuracy = accuracy
         self._library = library()
         self._state = ctypes.create_string_buffer(self._library.state_size() + 16)
 
     def take(self, duration: Floats, angle: Floats, load: Floats) -> Floats:
         """Depth, rate, force and height, shape (4, n)."""
-        inputs = [np.ascontiguousarray(column, dtype=np.float64) for column in (duration, angle, load)]
+        inputs = [
+            np.ascontiguousarray(column, dtype=np.float64) for column in (duration, angle, load)
+        ]
         outputs = np.empty((4, len(duration)))
 
         def address(column: Floats) -> ctypes.c_void_p:
@@ -79,9 +89,13 @@ class _Run:
         # the state holds numbers of 16 bytes, which must lie on such
         state = (ctypes.addressof(self._state) + 15) // 16 * 16
         self._library.run(
-            ctypes.byref(self._constants), ctypes.byref(self._accuracy), ctypes.c_void_p(state),
-            ctypes.c_long(len(duration)), *map(address, inputs), *map(address, list(outputs)),
-        )  # fmt: skip
+            ctypes.byref(self._constants),
+            ctypes.byref(self._accuracy),
+            ctypes.c_void_p(state),
+            ctypes.c_long(len(duration)),
+            *map(address, inputs),
+            *map(address, list(outputs)),
+        )
         return outputs
 
 
@@ -97,13 +111,22 @@ class Reference:
 
         The first tick of all is the contact at rest under its load. Times are rounded to the nanosecond.
         """
-        time, angle, load = (np.asarray(column, dtype=np.float64) for column in (time, angle, load))
+        time, angle, load = (
+            np.asarray(column, dtype=np.float64) for column in (time, angle, load)
+        )
         stamps = np.rint(time / NANOSECOND)
-        duration = np.diff(stamps, prepend=stamps[0] if self._stamp is None else self._stamp) * NANOSECOND
+        duration = (
+            np.diff(stamps, prepend=stamps[0] if self._stamp is None else self._stamp) * NANOSECOND
+        )
         self._stamp = float(stamps[-1])
-        fine, coarse = self._fine.take(duration, angle, load), self._coarse.take(duration, angle, load)
+        fine, coarse = (
+            self._fine.take(duration, angle, load),
+            self._coarse.take(duration, angle, load),
+        )
         depth, rate, force, height = fine
-        return Solution(depth, rate, force, height, _bound(depth, coarse[0]), _bound(force, coarse[2]))
+        return Solution(
+            depth, rate, force, height, _bound(depth, coarse[0]), _bound(force, coarse[2])
+        )
 
 
 def solve(knee: Knee, time: ArrayLike, angle: ArrayLike, load: ArrayLike) -> Solution:

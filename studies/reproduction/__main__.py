@@ -51,35 +51,61 @@ def page(tables: dict[str, Table], measured_on: str) -> str:
     left = load_peaks("left")
     sphere, curve = healthy.second_peak_depths()
     own = [at(time, gait("right")[2]) / healthy.SUBJECT_WEIGHT for time in second_stance()]
-    needed = {"text": healthy.needed(healthy.TEXT_DEPTH), "abstract": healthy.needed(healthy.ABSTRACT_DEPTH)}
+    needed = {
+        "text": healthy.needed(healthy.TEXT_DEPTH),
+        "abstract": healthy.needed(healthy.ABSTRACT_DEPTH),
+    }
     plane, concave = healthy.radius_needed()
     soft = healthy.cartilage_stiffness() * N_MM
     stiffness, frequency, damping = osteoarthritis.linearised()
     loss, period = osteoarthritis.loss_for_paper(), math.tau / frequency
     arthritic_depth = MM * osteoarthritis.arthritic_depth()
-    return Path(__file__).with_name("page.txt").read_text(encoding="utf-8").format(
-        machine=measured_on, body_weight=BODY_WEIGHT,
-        comparison=table(header[:4], [row[:4] for row in rows if row[3] != "-"]),
-        healthy_depth=curve, arthritic_depth=arthritic_depth, bone_part=arthritic_depth - osteoarthritis.CARTILAGE,
-        own_first=own[0], own_second=own[1],
-        left_one=healthy.load_peak(left[0], "left"), left_other=healthy.load_peak(left[2], "left"),
-        text_stiffness=needed["text"][0], text_load=needed["text"][1],
-        abstract_stiffness=needed["abstract"][0], abstract_load=needed["abstract"][1],
-        curve_height=MM * healthy.height_range(HEALTHY, MRI), sphere_height=MM * healthy.height_range(HEALTHY),
-        offset_load=body_weights(static_force(healthy.OFFSET / MM, HEALTHY)),
-        plane_radius=MM * plane, concave_radius=MM * concave,
-        soft=soft, times_less=2500.0 / soft, material_depth=MM * healthy.material_depth(),
-        tibia_change=max(abs(float(row[-1])) for row in tables["curved_tibia"][1]),
-        curve_change=PERCENT * (curve / sphere - 1.0),
-        carried=body_weights(static_force(osteoarthritis.CARTILAGE / MM, ARTHRITIC)),
-        bone=thousands(healthy.bone_stiffness() * N_MM),
-        bone_needed=thousands(round(osteoarthritis.bone_stiffness_needed(), -3)),
-        load_needed=osteoarthritis.load_needed(), break_even=osteoarthritis.break_even(), loss=loss,
-        loss_force=osteoarthritis.largest_force(loss),
-        same_depth=float(tables["cartilage_lost"][1][0][-1]), jump=tables["ringing"][1][0][-1].removeprefix("up to "),
-        stiffness=stiffness / 1e6, frequency=frequency, damping=damping, period=1e3 * period,
-        orders=math.log10(period / osteoarthritis.PAPER_STEP), evaluations=osteoarthritis.evaluations(),
-    )  # fmt: skip
+    return (
+        Path(__file__)
+        .with_name("page.txt")
+        .read_text(encoding="utf-8")
+        .format(
+            machine=measured_on,
+            body_weight=BODY_WEIGHT,
+            comparison=table(header[:4], [row[:4] for row in rows if row[3] != "-"]),
+            healthy_depth=curve,
+            arthritic_depth=arthritic_depth,
+            bone_part=arthritic_depth - osteoarthritis.CARTILAGE,
+            own_first=own[0],
+            own_second=own[1],
+            left_one=healthy.load_peak(left[0], "left"),
+            left_other=healthy.load_peak(left[2], "left"),
+            text_stiffness=needed["text"][0],
+            text_load=needed["text"][1],
+            abstract_stiffness=needed["abstract"][0],
+            abstract_load=needed["abstract"][1],
+            curve_height=MM * healthy.height_range(HEALTHY, MRI),
+            sphere_height=MM * healthy.height_range(HEALTHY),
+            offset_load=body_weights(static_force(healthy.OFFSET / MM, HEALTHY)),
+            plane_radius=MM * plane,
+            concave_radius=MM * concave,
+            soft=soft,
+            times_less=2500.0 / soft,
+            material_depth=MM * healthy.material_depth(),
+            tibia_change=max(abs(float(row[-1])) for row in tables["curved_tibia"][1]),
+            curve_change=PERCENT * (curve / sphere - 1.0),
+            carried=body_weights(static_force(osteoarthritis.CARTILAGE / MM, ARTHRITIC)),
+            bone=thousands(healthy.bone_stiffness() * N_MM),
+            bone_needed=thousands(round(osteoarthritis.bone_stiffness_needed(), -3)),
+            load_needed=osteoarthritis.load_needed(),
+            break_even=osteoarthritis.break_even(),
+            loss=loss,
+            loss_force=osteoarthritis.largest_force(loss),
+            same_depth=float(tables["cartilage_lost"][1][0][-1]),
+            jump=tables["ringing"][1][0][-1].removeprefix("up to "),
+            stiffness=stiffness / 1e6,
+            frequency=frequency,
+            damping=damping,
+            period=1e3 * period,
+            orders=math.log10(period / osteoarthritis.PAPER_STEP),
+            evaluations=osteoarthritis.evaluations(),
+        )
+    )
 
 
 def write(folder: Path, measured_on: str) -> None:
@@ -87,13 +113,20 @@ def write(folder: Path, measured_on: str) -> None:
     made = tables()
     (folder / "reproduction").mkdir(parents=True, exist_ok=True)
     for name, (header, rows) in made.items():
-        with (folder / "reproduction" / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
+        with (folder / "reproduction" / f"{name}.csv").open(
+            "w", encoding="utf-8", newline=""
+        ) as file:
             csv.writer(file, lineterminator="\n").writerows([header, *rows])
     (folder / "reproduction.md").write_text(page(made, measured_on), encoding="utf-8")
 
 
 @click.command()
-@click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="gets studies/ and images/")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path),
+    default=Path("docs"),
+    help="gets studies/ and images/",
+)
 def main(folder: Path) -> None:
     """Compute all numbers, draw the figures and write the page."""
     from studies.reproduction.figures import draw

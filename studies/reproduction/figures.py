@@ -14,7 +14,13 @@ from matplotlib.figure import Figure
 
 from benchmarks.gait import BODY_WEIGHT
 from knee_contact_ros.lab.report.figures import COMPUTED
-from studies.reproduction.osteoarthritis import CARTILAGE, LAWS, break_even, largest_force, loss_for_paper
+from studies.reproduction.osteoarthritis import (
+    CARTILAGE,
+    LAWS,
+    break_even,
+    largest_force,
+    loss_for_paper,
+)
 from studies.reproduction.scenes import (
     ARTHRITIC,
     CYCLE,
@@ -36,7 +42,14 @@ from studies.reproduction.scenes import (
 mpl.use("Agg")
 
 
-BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
+BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#CC79A7",
+    "#666666",
+)
 SIZE: dict[Any, Any] = {
     "font.size": 9.5,
     "axes.titlesize": 9.5,
@@ -49,10 +62,14 @@ MARKERS = ("v", "s", "o", "D")
 """Markers of the four phases, in their order"""
 
 
-def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
+def panels(
+    height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> tuple[Figure, list[Axes]]:
     """A figure [inches] and its panels in reading order."""
     plt.rcParams.update(SIZE)
-    figure, axes = plt.subplots(rows, columns, figsize=(WIDTH, height), squeeze=False, layout="constrained", **options)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(WIDTH, height), squeeze=False, layout="constrained", **options
+    )
     return figure, list(axes.flat)
 
 
@@ -80,13 +97,27 @@ def force() -> Figure:
         for center in (moment, moment - (CYCLE[1] - CYCLE[0])):
             name = each.what if (each, center) == (COMPUTED[0], moment) else None
             around = (center - 0.09, min(center + 0.09, time[-1]))
-            top.fill_between(around, each.lowest, each.highest, color=ORANGE, alpha=0.35, linewidth=0, label=name)
+            top.fill_between(
+                around,
+                each.lowest,
+                each.highest,
+                color=ORANGE,
+                alpha=0.35,
+                linewidth=0,
+                label=name,
+            )
     top.plot(time, load / BODY_WEIGHT, color=GREY, linewidth=4.0, alpha=0.4, label="load")
     top.plot(time, sphere / BODY_WEIGHT, color=BLUE, label="sphere")
     top.plot(time, curve / BODY_WEIGHT, color=VERMILLION, linestyle="--", label="fitted curve")
     for moment, each in zip(second_stance(), COMPUTED, strict=True):
         value = body_weights(at(moment, load))
-        top.annotate(f"{value:.2f} BW", (moment, each.highest), (0, 3), textcoords="offset points", ha="center")
+        top.annotate(
+            f"{value:.2f} BW",
+            (moment, each.highest),
+            (0, 3),
+            textcoords="offset points",
+            ha="center",
+        )
     bottom.plot(time[1:], (curve - sphere)[1:], color=PURPLE)
     _strikes(top, bottom)
     top.set(ylabel="contact force [BW]", ylim=(0.0, 2.95))
@@ -100,13 +131,29 @@ def depth() -> Figure:
     figure, axes = panels(6.4, 3, sharex=True, height_ratios=(1.5, 1.5, 1.0))
     time = gait("right")[0]
     sphere, curve = run(HEALTHY), run(HEALTHY, MRI)
-    for series, colour, style, name in ((sphere, BLUE, "-", "sphere"), (curve, VERMILLION, "--", "fitted curve")):
-        axes[0].plot(time, MM * series.penetration_depth, color=colour, linestyle=style, label=name)
+    for series, colour, style, name in (
+        (sphere, BLUE, "-", "sphere"),
+        (curve, VERMILLION, "--", "fitted curve"),
+    ):
+        axes[0].plot(
+            time, MM * series.penetration_depth, color=colour, linestyle=style, label=name
+        )
         height = series.femoral_height - at(CYCLE[1], series.femoral_height)
         axes[1].plot(time, MM * height, color=colour, linestyle=style, label=name)
-    axes[2].plot(time[1:], 1e6 * (curve.penetration_depth - sphere.penetration_depth)[1:], color=PURPLE)
-    for value, where, line in ((0.795, "abstract", (0, (6, 2, 1, 2))), (0.705, "text", (0, (8, 3)))):
-        axes[0].axhline(value, color="black", linestyle=line, linewidth=1.0, label=f"paper, {where}: {value:g} mm")
+    axes[2].plot(
+        time[1:], 1e6 * (curve.penetration_depth - sphere.penetration_depth)[1:], color=PURPLE
+    )
+    for value, where, line in (
+        (0.795, "abstract", (0, (6, 2, 1, 2))),
+        (0.705, "text", (0, (8, 3))),
+    ):
+        axes[0].axhline(
+            value,
+            color="black",
+            linestyle=line,
+            linewidth=1.0,
+            label=f"paper, {where}: {value:g} mm",
+        )
     _strikes(*axes)
     axes[0].set(ylabel="penetration depth [mm]", ylim=(0.0, 1.15))
     axes[0].legend(ncols=3, loc="upper center")
@@ -128,8 +175,18 @@ def contact_points() -> Figure:
             left.plot(time, x, color=colour, linestyle=style, label=f"{femur}, {name}")
             right.plot(np.degrees(angle[flexed]), x[flexed], color=colour, linestyle=style)
             for marker, moment in zip(MARKERS, phases(), strict=True):
-                for axes, where in ((left, moment.time), (right, np.degrees(at(moment.time, angle)))):
-                    axes.plot(where, at(moment.time, x), marker, color=colour, markersize=6, markeredgecolor="black")
+                for axes, where in (
+                    (left, moment.time),
+                    (right, np.degrees(at(moment.time, angle))),
+                ):
+                    axes.plot(
+                        where,
+                        at(moment.time, x),
+                        marker,
+                        color=colour,
+                        markersize=6,
+                        markeredgecolor="black",
+                    )
     for marker, moment in zip(MARKERS, phases(), strict=True):
         right.plot([], [], marker, color="white", markeredgecolor="black", label=moment.name)
     left.set(xlabel=TIME, ylabel="contact point x, anterior positive [mm]", ylim=(-4.5, 8.5))
@@ -154,9 +211,21 @@ def osteoarthritis() -> Figure:
         ),
     )
     for series, colour, style, name in knees:
-        first.plot(time, body_weights(1.0) * series.contact_force, color=colour, linestyle=style, label=name)
+        first.plot(
+            time,
+            body_weights(1.0) * series.contact_force,
+            color=colour,
+            linestyle=style,
+            label=name,
+        )
         second.plot(time, MM * series.penetration_depth, color=colour, linestyle=style)
-    second.axhline(0.521, color="black", linewidth=1.0, linestyle=(0, (8, 3)), label="paper, osteoarthritis: 0.521 mm")
+    second.axhline(
+        0.521,
+        color="black",
+        linewidth=1.0,
+        linestyle=(0, (8, 3)),
+        label="paper, osteoarthritis: 0.521 mm",
+    )
     _strikes(first, second)
     first.set(ylabel="contact force [BW]", ylim=(0.0, 3.2), title="(a)", xlabel=TIME)
     second.set(ylabel="penetration depth [mm]", ylim=(0.0, 0.98), title="(b)", xlabel=TIME)
@@ -169,11 +238,22 @@ def osteoarthritis() -> Figure:
 def _losses(axes: Axes) -> None:
     bare = MM * float(run(HEALTHY, MRI).penetration_depth.max()) - CARTILAGE
     lost = sorted([*np.linspace(0.0, 0.4, 21).tolist(), bare])
-    axes.semilogy(lost, [largest_force(value) for value in lost], color=GREEN, label="path prescribed")
-    axes.axhline(body_weights(float(run(HEALTHY, MRI).contact_force.max())), color=BLUE, label="healthy")
-    for value, marker, name in ((break_even(), "o", "healthy peak force"), (loss_for_paper(), "D", "paper's 0.521 mm")):
-        axes.plot(value, largest_force(value), marker, color="white", markeredgecolor="black", label=name)
-    axes.set(xlabel="cartilage lost [mm]", ylabel="largest force [BW]", title="(c)", ylim=(0.4, 30.0))
+    axes.semilogy(
+        lost, [largest_force(value) for value in lost], color=GREEN, label="path prescribed"
+    )
+    axes.axhline(
+        body_weights(float(run(HEALTHY, MRI).contact_force.max())), color=BLUE, label="healthy"
+    )
+    for value, marker, name in (
+        (break_even(), "o", "healthy peak force"),
+        (loss_for_paper(), "D", "paper's 0.521 mm"),
+    ):
+        axes.plot(
+            value, largest_force(value), marker, color="white", markeredgecolor="black", label=name
+        )
+    axes.set(
+        xlabel="cartilage lost [mm]", ylabel="largest force [BW]", title="(c)", ylim=(0.4, 30.0)
+    )
     axes.set_yticks([0.5, 1, 2, 5, 10, 20], ["0.5", "1", "2", "5", "10", "20"])
     axes.minorticks_off()
     axes.legend(loc="upper right")
@@ -184,10 +264,24 @@ def ringing() -> Figure:
     figure, (top, bottom) = panels(5.0, 2, sharex=True)
     time, _, load = gait("right", FINE)
     part = within(1.45, 2.2, FINE)
-    for (name, changes), colour, width in zip(LAWS.items(), (VERMILLION, BLUE), (0.9, 1.4), strict=True):
+    for (name, changes), colour, width in zip(
+        LAWS.items(), (VERMILLION, BLUE), (0.9, 1.4), strict=True
+    ):
         series = run(ARTHRITIC, changes=changes, step=FINE)
-        top.plot(time[part], (series.contact_force - load)[part], color=colour, linewidth=width, label=name)
-        bottom.plot(time[part], MM * series.penetration_depth[part], color=colour, linewidth=width, label=name)
+        top.plot(
+            time[part],
+            (series.contact_force - load)[part],
+            color=colour,
+            linewidth=width,
+            label=name,
+        )
+        bottom.plot(
+            time[part],
+            MM * series.penetration_depth[part],
+            color=colour,
+            linewidth=width,
+            label=name,
+        )
     bottom.axhline(0.5, color="black", linewidth=1.0, linestyle=":", label="second layer begins")
     _strikes(top, bottom, times=(CYCLE[1],))
     top.set(ylabel="contact force - load [N]", ylim=(-62.0, 92.0))

@@ -52,16 +52,37 @@ def arthritic() -> list[list[str]]:
     series, healthy = run(ARTHRITIC, MRI), run(HEALTHY, MRI)
     time = second_stance()[1]
     depth, sphere = (MM * peak(time, knee.penetration_depth) for knee in (series, run(ARTHRITIC)))
-    force, healthy_force = (body_weights(peak(time, knee.contact_force)) for knee in (series, healthy))
+    force, healthy_force = (
+        body_weights(peak(time, knee.contact_force)) for knee in (series, healthy)
+    )
     return [
-        compare("maximum depth, osteoarthritis, fitted curve", DEPTH, depth, "mm", 4, _needed_text()),
-        compare("of it bone", DEPTH - CARTILAGE, depth - CARTILAGE, "mm", 4, "the same; the 0.5 mm are a parameter"),
-        unprinted("maximum depth, osteoarthritis, sphere", f"{sphere:.4f} mm", "force-driven: the law alone"),
-        unprinted("static depth at 2.19 BW, osteoarthritis", f"{MM * arthritic_depth():.6f} mm", "Eq. 12 at rest"),
-        unprinted("second force peak, arthritic against healthy",
-                  f"{force:.3f} against {healthy_force:.3f} BW ({PERCENT * (force / healthy_force - 1):+.2f} %)",
-                  "paper: reduced, without a number; equilibrium fixes the force when the load is prescribed"),
-    ]  # fmt: skip
+        compare(
+            "maximum depth, osteoarthritis, fitted curve", DEPTH, depth, "mm", 4, _needed_text()
+        ),
+        compare(
+            "of it bone",
+            DEPTH - CARTILAGE,
+            depth - CARTILAGE,
+            "mm",
+            4,
+            "the same; the 0.5 mm are a parameter",
+        ),
+        unprinted(
+            "maximum depth, osteoarthritis, sphere",
+            f"{sphere:.4f} mm",
+            "force-driven: the law alone",
+        ),
+        unprinted(
+            "static depth at 2.19 BW, osteoarthritis",
+            f"{MM * arthritic_depth():.6f} mm",
+            "Eq. 12 at rest",
+        ),
+        unprinted(
+            "second force peak, arthritic against healthy",
+            f"{force:.3f} against {healthy_force:.3f} BW ({PERCENT * (force / healthy_force - 1):+.2f} %)",
+            "paper: reduced, without a number; equilibrium fixes the force when the load is prescribed",
+        ),
+    ]
 
 
 def cartilage_lost() -> Table:
@@ -72,8 +93,14 @@ def cartilage_lost() -> Table:
     for lost in losses:
         series = led_run(lost / MM)
         force = largest_force(lost)
-        rows.append([f"{lost:.4f} mm{_name(lost)}", f"{MM * float(series.penetration_depth.max()):.4f} mm",
-                     f"{force:.2f} BW", f"{force / healthy:.2f}"])  # fmt: skip
+        rows.append(
+            [
+                f"{lost:.4f} mm{_name(lost)}",
+                f"{MM * float(series.penetration_depth.max()):.4f} mm",
+                f"{force:.2f} BW",
+                f"{force / healthy:.2f}",
+            ]
+        )
     return ("cartilage lost", "largest depth", "largest force", "of the healthy knee's"), rows
 
 
@@ -84,7 +111,9 @@ def largest_force(lost: float) -> float:
 
 def break_even() -> float:
     """Lost cartilage [mm] at which the depth is the one that the arthritic law needs for the same peak force."""
-    return MM * float(run(HEALTHY, MRI).penetration_depth.max() - run(ARTHRITIC, MRI).penetration_depth.max())
+    return MM * float(
+        run(HEALTHY, MRI).penetration_depth.max() - run(ARTHRITIC, MRI).penetration_depth.max()
+    )
 
 
 def loss_for_paper() -> float:
@@ -111,7 +140,8 @@ def bone_stiffness_needed() -> float:
 def _needed_text() -> str:
     stiffness = round(bone_stiffness_needed(), -3)
     return (
-        f"Eq. 12 with Table 1; K₂ = {thousands(stiffness)} N/mm^1.5 or a load of {load_needed():.4f} BW would be needed"
+        f"Eq. 12 with Table 1; K₂ = {thousands(stiffness)} N/mm^1.5 "
+        f"or a load of {load_needed():.4f} BW would be needed"
     )
 
 
@@ -121,7 +151,10 @@ def _name(lost: float) -> str:
     return " (equal depth as force-driven)" if lost == break_even() else ""
 
 
-LAWS: dict[str, Changes] = {"as printed (Eq. 12)": (), "dashpot in both layers": BOTH_LAYERS_DAMPED}
+LAWS: dict[str, Changes] = {
+    "as printed (Eq. 12)": (),
+    "dashpot in both layers": BOTH_LAYERS_DAMPED,
+}
 FEMORA = {"sphere": (ARTHRITIC,), "fitted curve": (ARTHRITIC, MRI)}
 SHORT = 0.05
 """Time [s] after heel strike that is looked at"""
@@ -132,8 +165,15 @@ def ringing() -> Table:
     rows = []
     for (femur, files), (name, changes) in product(FEMORA.items(), LAWS.items()):
         series = run(*files, changes=changes, step=FINE)
-        rows.append([femur, name, f"{excess(series, passages()[0], CYCLE[1]):.0f} N",
-                     f"{excess(series, CYCLE[1], CYCLE[1] + SHORT):.0f} N", _jump(series, changes)])  # fmt: skip
+        rows.append(
+            [
+                femur,
+                name,
+                f"{excess(series, passages()[0], CYCLE[1]):.0f} N",
+                f"{excess(series, CYCLE[1], CYCLE[1] + SHORT):.0f} N",
+                _jump(series, changes),
+            ]
+        )
     header = (
         "femur",
         "law",
@@ -169,17 +209,32 @@ TOLERANCES = (1e-6, TOLERANCE)
 
 def time_step() -> Table:
     """Evaluations of the law per sample, by tolerance and knee."""
-    rows = [_numerics_line(name, files, tolerance) for name, files in
-            (("healthy, sphere", (HEALTHY,)), ("healthy, fitted curve", (HEALTHY, MRI)),
-             ("osteoarthritis, fitted curve", (ARTHRITIC, MRI))) for tolerance in TOLERANCES]  # fmt: skip
-    return ("knee", "tolerance [m]", "evaluations per sample, mean", "samples beyond tolerance"), rows
+    rows = [
+        _numerics_line(name, files, tolerance)
+        for name, files in (
+            ("healthy, sphere", (HEALTHY,)),
+            ("healthy, fitted curve", (HEALTHY, MRI)),
+            ("osteoarthritis, fitted curve", (ARTHRITIC, MRI)),
+        )
+        for tolerance in TOLERANCES
+    ]
+    return (
+        "knee",
+        "tolerance [m]",
+        "evaluations per sample, mean",
+        "samples beyond tolerance",
+    ), rows
 
 
 def linearised() -> tuple[float, float, float]:
     """Stiffness [N/m], natural frequency [rad/s] and damping ratio of the healthy contact at 1.6 kN."""
     knee = model(HEALTHY)
     _, stiffness, damping = knee.law.force_at(static_depth(LOAD, HEALTHY), 0.0)
-    return stiffness, math.sqrt(stiffness / knee.mass), damping / (2.0 * math.sqrt(stiffness * knee.mass))
+    return (
+        stiffness,
+        math.sqrt(stiffness / knee.mass),
+        damping / (2.0 * math.sqrt(stiffness * knee.mass)),
+    )
 
 
 def evaluations() -> float:

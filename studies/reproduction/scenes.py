@@ -41,7 +41,10 @@ CURVED_TIBIAE: dict[str, Changes] = {
 MECHANISMS: dict[str, Changes] = {
     "hinge": (("translation.mechanism", "hinge"),),
     "parallel mechanism": (("translation.mechanism", "parallel_mechanism"),),
-    "measured table": (("translation.mechanism", "table"), ("translation.table", "translation_medial.csv")),
+    "measured table": (
+        ("translation.mechanism", "table"),
+        ("translation.table", "translation_medial.csv"),
+    ),
 }
 
 
@@ -64,12 +67,16 @@ def parameters(*files: str) -> Parameters:
 @cache
 def model(*files: str, changes: Changes = ()) -> KneeModel:
     """Compiled model of some parameter files with changes."""
-    asked = load_parameters([parameters(*files), {"fidelity.tolerance": TOLERANCE, **dict(changes)}])
+    asked = load_parameters(
+        [parameters(*files), {"fidelity.tolerance": TOLERANCE, **dict(changes)}]
+    )
     return load_model(asked, compiled=True)
 
 
 @cache
-def run(*files: str, side: str = "right", changes: Changes = (), step: float | None = None) -> np.recarray[Any, Any]:
+def run(
+    *files: str, side: str = "right", changes: Changes = (), step: float | None = None
+) -> np.recarray[Any, Any]:
     """Run a model over a bag with the load prescribed."""
     return model(*files, changes=changes).run(*gait(side, step))
 
@@ -170,7 +177,9 @@ Table = tuple[tuple[str, ...], list[list[str]]]
 """Header and rows"""
 
 
-def compare(quantity: str, paper: float, ours: float, unit: str, digits: int, why: str) -> list[str]:
+def compare(
+    quantity: str, paper: float, ours: float, unit: str, digits: int, why: str
+) -> list[str]:
     """Row of a comparison; the paper's number keeps its digits."""
     difference = ours - paper
     shown = f"{signed(difference, digits)} {unit}"

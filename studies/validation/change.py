@@ -31,7 +31,9 @@ def torque_of(walk: Walk, largest: float, timing: tuple[float, float]) -> Floats
     for first, last in walk.steps():
         phase = (walk.time - walk.time[first]) / (walk.time[last] - walk.time[first])
         part = (phase - timing[0]) / (timing[1] - timing[0])
-        found += np.where((part > 0.0) & (part < 1.0), largest * np.sin(np.pi * np.clip(part, 0.0, 1.0)), 0.0)
+        found += np.where(
+            (part > 0.0) & (part < 1.0), largest * np.sin(np.pi * np.clip(part, 0.0, 1.0)), 0.0
+        )
     return found
 
 
@@ -66,16 +68,24 @@ def right(walks: Sequence[Walk]) -> dict[str, tuple[float, float, int, int]]:
             for largest in TORQUES:
                 for timing in TIMINGS:
                     helped = assisted(walk, torque_of(walk, largest, timing))
-                    changed = {level: peaks(walk, axial(helped, level, guessed)) - alone[level] for level in LEVELS}
+                    changed = {
+                        level: peaks(walk, axial(helped, level, guessed)) - alone[level]
+                        for level in LEVELS
+                    }
                     for habit in HABITS:
-                        person = truly._replace(co_contraction=truly.co_contraction * (1.0 + habit))
+                        person = truly._replace(
+                            co_contraction=truly.co_contraction * (1.0 + habit)
+                        )
                         after = walk.total + axial(helped, "ankle_moment", person) - before
                         asked = peaks(walk, after) - peaks(walk, walk.total)
                         for which in (0, 1):
                             large = np.abs(asked[:, which]) >= LEAST_CHANGE
                             for level, guess in changed.items():
                                 same = np.sign(guess[:, which]) == np.sign(asked[:, which])
-                                found[level][which] += [float(same[large].mean())] if large.any() else []
+                                found[level][which] += (
+                                    [float(same[large].mean())] if large.any() else []
+                                )
     return {
-        level: (float(np.mean(one)), float(np.mean(two)), len(one), len(two)) for level, (one, two) in found.items()
+        level: (float(np.mean(one)), float(np.mean(two)), len(one), len(two))
+        for level, (one, two) in found.items()
     }

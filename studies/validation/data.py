@@ -110,7 +110,9 @@ class Walk(NamedTuple):
         """The trial in the form that `fit-share` takes."""
         weight = self.person.body_weight
         moment = np.where(self.used, self.frontal, UNKNOWN) / weight
-        return Trial(self.name, self.flexion, self.total / weight, self.medial / weight, moment, weight)
+        return Trial(
+            self.name, self.flexion, self.total / weight, self.medial / weight, moment, weight
+        )
 
     def nets(self, level: str) -> list[NetMoments]:
         """Net moments as a level knows them, length n."""
@@ -120,7 +122,9 @@ class Walk(NamedTuple):
             return [net._replace(plantarflexion=UNKNOWN) for net in self.moments]
         dynamics, leg = LEVELS[level].dynamics, self.leg
         grounds = [Ground((0.0, force, 0.0), (UNKNOWN,) * 3) for force in self.vertical.tolist()]
-        return [dynamics(leg, *each) for each in zip(self.joints, self.motions, grounds, strict=True)]
+        return [
+            dynamics(leg, *each) for each in zip(self.joints, self.motions, grounds, strict=True)
+        ]
 
     def steps(self) -> list[tuple[int, int]]:
         """First sample of every stance and the first one behind it, for whole stances whose samples are all used."""
@@ -136,7 +140,9 @@ class Walk(NamedTuple):
 
 def walks(folder: Path) -> list[Walk]:
     """All trials in a folder and those below it, JW's first; empty if there are none."""
-    return [_walk(person, path) for person in PERSONS for path in sorted(folder.rglob(person.pattern))]
+    return [
+        _walk(person, path) for person in PERSONS for path in sorted(folder.rglob(person.pattern))
+    ]
 
 
 def of(all_walks: list[Walk], name: str) -> list[Walk]:
@@ -148,10 +154,16 @@ def _walk(person: Person, path: Path) -> Walk:
     stem = path.name.rsplit("_tibia_", 1)[0]
     forces, motion, ground = (
         np.genfromtxt(each, delimiter=",", names=True)
-        for each in (path, path.with_name(f"{stem}_motion.csv"), path.with_name(f"{stem}_ground_force.csv"))
+        for each in (
+            path,
+            path.with_name(f"{stem}_motion.csv"),
+            path.with_name(f"{stem}_ground_force.csv"),
+        )
     )
     steady = forces if person.name == "JW" else motion  # the denser one
-    first, last = (pick(forces["time_s"][end], motion["time_s"][end]) for pick, end in ((max, 0), (min, -1)))
+    first, last = (
+        pick(forces["time_s"][end], motion["time_s"][end]) for pick, end in ((max, 0), (min, -1))
+    )
     time = steady["time_s"][(steady["time_s"] >= first) & (steady["time_s"] <= last)]
 
     def at(table: NDArray[np.void], column: str) -> Floats:
@@ -163,28 +175,54 @@ def _walk(person: Person, path: Path) -> Walk:
     else:
         total, medial = at(forces, "total_n"), at(forces, "medial_n")
     vertical, flexion = at(ground, "f2_y_n"), np.radians(-at(motion, "knee_flexion_deg"))
-    extension, plantarflexion = at(motion, "knee_flexion_moment_nm"), -at(motion, "ankle_moment_nm")
+    extension, plantarflexion = (
+        at(motion, "knee_flexion_moment_nm"),
+        -at(motion, "ankle_moment_nm"),
+    )
     external = frontal = at(motion, "knee_adduction_moment_nm")
     reaction = path.parent / "opensim" / f"{stem}_JointReaction_ReactionLoads.sto"
     if reaction.is_file():
         table = read_storage(reaction)
-        column = next(name for name in table.names if name.endswith("knee_l_on_tibia_l_in_tibia_l_mx"))
+        column = next(
+            name for name in table.names if name.endswith("knee_l_on_tibia_l_in_tibia_l_mx")
+        )
         frontal = np.interp(time, table.stamps / SECOND, -table.column(column))
     joints = [Joints(angle, UNKNOWN, UNKNOWN) for angle in flexion.tolist()]
     seen = MotionFilter(WINDOW)
-    motions = [seen.see(round(stamp * SECOND), each) for stamp, each in zip(time.tolist(), joints, strict=True)]
-    without_muscles = np.maximum(vertical, 0.0) - leg_of(person.body_weight / GRAVITY, person.height).weight_below
-    columns = zip(extension.tolist(), plantarflexion.tolist(), without_muscles.tolist(), strict=True)
+    motions = [
+        seen.see(round(stamp * SECOND), each)
+        for stamp, each in zip(time.tolist(), joints, strict=True)
+    ]
+    without_muscles = (
+        np.maximum(vertical, 0.0)
+        - leg_of(person.body_weight / GRAVITY, person.height).weight_below
+    )
+    columns = zip(
+        extension.tolist(), plantarflexion.tolist(), without_muscles.tolist(), strict=True
+    )
     moments = [NetMoments(knee, ankle, force, UNKNOWN) for knee, ankle, force in columns]
     spikes = (np.abs(extension) > KNEE_SPIKE * person.body_weight) | (
         np.abs(plantarflexion) > ANKLE_SPIKE * person.body_weight
     )
-    used = ~near(time, spikes) & ~missed(time, vertical > ON_PLATE, total > MISSED_LOAD * person.body_weight)
+    used = ~near(time, spikes) & ~missed(
+        time, vertical > ON_PLATE, total > MISSED_LOAD * person.body_weight
+    )
     bag = path.with_name(f"{stem}_sensors_and_implant.mcap")
     return Walk(
-        person, stem, time, vertical, total, medial, frontal, external, joints, motions, moments, used,
+        person,
+        stem,
+        time,
+        vertical,
+        total,
+        medial,
+        frontal,
+        external,
+        joints,
+        motions,
+        moments,
+        used,
         bag if bag.is_file() else None,
-    )  # fmt: skip
+    )
 
 
 def near(time: Floats, spikes: Flags) -> Flags:
@@ -208,7 +246,10 @@ def missed(time: Floats, on_plate: Flags, bears: Flags) -> Flags:
 def runs(flags: Flags) -> list[tuple[int, int]]:
     """First samples of all runs, and the first ones behind them."""
     padded = np.concatenate(([False], flags, [False]))
-    begins, ends = np.flatnonzero(padded[1:] & ~padded[:-1]), np.flatnonzero(~padded[1:] & padded[:-1])
+    begins, ends = (
+        np.flatnonzero(padded[1:] & ~padded[:-1]),
+        np.flatnonzero(~padded[1:] & padded[:-1]),
+    )
     return list(zip(begins.tolist(), ends.tolist(), strict=True))
 
 

@@ -48,15 +48,20 @@ def lines(walks: Sequence[Walk]) -> dict[str, float]:
     """RMS error [BW] of a line in the ground force that is fitted to the other person, by person."""
     names = dict.fromkeys(walk.person.name for walk in walks)
     return {
-        name: fmean(rms(walk, line([other for other in walks if other.person.name != name])(walk))
-                    for walk in of(list(walks), name))
+        name: fmean(
+            rms(walk, line([other for other in walks if other.person.name != name])(walk))
+            for walk in of(list(walks), name)
+        )
         for name in names
-    }  # fmt: skip
+    }
 
 
 def totals(found: Sequence[Estimate], how: str) -> dict[str, dict[str, float]]:
     """RMS errors [BW] of the total force by level and person."""
-    return {level: by_person(chosen(found, level, how), lambda each: rms(each.walk, each.force)) for level in LEVELS}
+    return {
+        level: by_person(chosen(found, level, how), lambda each: rms(each.walk, each.force))
+        for level in LEVELS
+    }
 
 
 def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
@@ -69,19 +74,34 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
                 by_person(each, lambda one, h=half: float(peaks(one.walk, one.force)[:, h].mean()))  # type: ignore[misc]
                 for half in (0, 1)
             ]
-            told = [" / ".join(f"{PERCENT * value:+.0f}" for value in end.values()) + " %" for end in ends]
+            told = [
+                " / ".join(f"{PERCENT * value:+.0f}" for value in end.values()) + " %"
+                for end in ends
+            ]
             rows.append([f"`{level}`", how, *both(errors), *told])
     rows.append(["line a + k F", OTHER_PERSON, *both(lines(walks)), "", ""])
     together = fitted(walks, list(LEVELS), DEFAULT.moment_arm_scale)
     values = ", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True))
-    header = ("level", "constants", "JW", "PS", "mean", "first peak, JW / PS", "second peak, JW / PS")
+    header = (
+        "level",
+        "constants",
+        "JW",
+        "PS",
+        "mean",
+        "first peak, JW / PS",
+        "second peak, JW / PS",
+    )
     sensed = []
     for level in LEVELS:
         own = [
-            by_sensors(one.walk, level, one.values) for one in chosen(found, level, OTHER_PERSON) if one.walk.sensors
+            by_sensors(one.walk, level, one.values)
+            for one in chosen(found, level, OTHER_PERSON)
+            if one.walk.sensors
         ]
         sensed.append(fmean(own) if own else float("nan"))
-    text = WORDS["total"].format(values=values, sensed=", ".join(f"{error:.2f}" for error in sensed))
+    text = WORDS["total"].format(
+        values=values, sensed=", ".join(f"{error:.2f}" for error in sensed)
+    )
     return Section("The total force", text, header, rows)
 
 
@@ -95,7 +115,14 @@ def deviation_section(found: Sequence[Estimate]) -> Section:
             cells = []
             for stance in (True, False):
                 parts = [
-                    fmean(by_person(each, lambda one, s=stance, w=which: covered(one, told, s)[w]).values())  # type: ignore[misc]  # noqa: B023
+                    fmean(
+                        by_person(
+                            each,
+                            lambda one, s=stance, w=which, deviation=told: covered(
+                                one, deviation, s
+                            )[w],  # type: ignore[misc]
+                        ).values()
+                    )
                     for which in (0, 1)
                 ]
                 cells.append(" / ".join(f"{PERCENT * part:.0f}" for part in parts) + " %")
@@ -103,11 +130,27 @@ def deviation_section(found: Sequence[Estimate]) -> Section:
             for name in dict.fromkeys(one.walk.person.name for one in each):
                 mine = [one for one in each if one.walk.person.name == name]
                 theirs = deviation_of([one for one in each if one.walk.person.name != name])
-                part = fmean(covered(one, theirs, stance)[1] for one in mine for stance in (True, False))
+                part = fmean(
+                    covered(one, theirs, stance)[1] for one in mine for stance in (True, False)
+                )
                 crossed.append(f"{PERCENT * part:.0f}")
-            rows.append([f"`{level}`", how, f"{told.floor:g}, {told.part:g}", *cells, " / ".join(crossed) + " %"])
-    header = ("level", "constants", "floor [BW], part", "stance, within 1 / 2", "swing, within 1 / 2",
-              "within 2, chosen on the other")  # fmt: skip
+            rows.append(
+                [
+                    f"`{level}`",
+                    how,
+                    f"{told.floor:g}, {told.part:g}",
+                    *cells,
+                    " / ".join(crossed) + " %",
+                ]
+            )
+    header = (
+        "level",
+        "constants",
+        "floor [BW], part",
+        "stance, within 1 / 2",
+        "swing, within 1 / 2",
+        "within 2, chosen on the other",
+    )
     return Section("How sure an estimate is", WORDS["deviation"], header, rows)
 
 
@@ -127,24 +170,37 @@ def change_section(walks: Sequence[Walk]) -> Section:
         [f"`{level}`", f"{PERCENT * one:.0f} % of {n}", f"{PERCENT * two:.0f} % of {m}"]
         for level, (one, two, n, m) in right(walks).items()
     ]
-    return Section("Does assistance relieve the knee?", WORDS["change"], ("level", "first peak", "second peak"), rows)
+    return Section(
+        "Does assistance relieve the knee?",
+        WORDS["change"],
+        ("level", "first peak", "second peak"),
+        rows,
+    )
 
 
 def movement_section() -> Section:
     """Section on the marked movements."""
     parts, f1 = scores()
     rows = [[name, f"{PERCENT * part:.0f} %"] for name, part in parts.items()]
-    return Section("Other movements", WORDS["movements"].format(f1=f1), ("movement", "marked"), rows)
+    return Section(
+        "Other movements", WORDS["movements"].format(f1=f1), ("movement", "marked"), rows
+    )
 
 
 def sections(walks: Sequence[Walk], found: Sequence[Estimate]) -> list[Section]:
     """All sections with their numbers."""
-    missed_of = {form: fmean(errors.values()) for form, errors in missed(walks, other_person).items()}
+    missed_of = {
+        form: fmean(errors.values()) for form, errors in missed(walks, other_person).items()
+    }
     told = {
-        name: "{:.2f} to {:.2f}".format(*(pick(fmean(each.values()) for each in totals(found, how).values())
-                                          for pick in (min, max)))
+        name: "{:.2f} to {:.2f}".format(
+            *(
+                pick(fmean(each.values()) for each in totals(found, how).values())
+                for pick in (min, max)
+            )
+        )
         for name, how in (("total", OTHER_PERSON), ("own", OWN))
-    } | {form: f"{missed_of[form]:.2f}" for form in ("moment", "curve")}  # fmt: skip
+    } | {form: f"{missed_of[form]:.2f}" for form in ("moment", "curve")}
     return [
         Section("", WORDS["introduction"].format(**told), (), ()),
         total_section(found, walks),

@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare
-from knee_contact_ros.lab.shares import Curve, Trial, constant, fit_curve, fit_table, share_csv, spacing
+from knee_contact_ros.lab.shares import (
+    Curve,
+    Trial,
+    constant,
+    fit_curve,
+    fit_table,
+    share_csv,
+    spacing,
+)
 from studies.validation.data import Floats, Walk
 from studies.validation.total import weights
 
@@ -39,12 +47,21 @@ def loads(walk: Walk) -> tuple[Floats, Floats, Floats]:
 
 
 def _by_line(trials: Sequence[Trial], parts: Sequence[float], walk: Walk) -> Floats:
-    rows = [np.sqrt(part / len(each.load)) * np.stack((each.load, each.load**2, each.load * each.flexion), axis=1)
-            for each, part in zip(trials, parts, strict=True)]  # fmt: skip
-    wanted = [np.sqrt(part / len(each.load)) * each.medial for each, part in zip(trials, parts, strict=True)]
+    rows = [
+        np.sqrt(part / len(each.load))
+        * np.stack((each.load, each.load**2, each.load * each.flexion), axis=1)
+        for each, part in zip(trials, parts, strict=True)
+    ]
+    wanted = [
+        np.sqrt(part / len(each.load)) * each.medial
+        for each, part in zip(trials, parts, strict=True)
+    ]
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
     load, _, _ = loads(walk)
-    return np.asarray(np.clip(np.stack((np.ones(len(load)), load, walk.flexion), axis=1) @ found, 0.0, 1.0) * load)
+    return np.asarray(
+        np.clip(np.stack((np.ones(len(load)), load, walk.flexion), axis=1) @ found, 0.0, 1.0)
+        * load
+    )
 
 
 def rules(known: Sequence[Walk]) -> dict[str, Share]:
@@ -67,7 +84,9 @@ def rules(known: Sequence[Walk]) -> dict[str, Share]:
         "constant": lambda walk: share * loads(walk)[0],
         "line": partial(_by_line, trials, parts),
         "curve": lambda walk: curve.at(loads(walk)[0]) * loads(walk)[0],
-        "table": lambda walk: np.asarray(measured.share(loads(walk)[0], walk.flexion)) * loads(walk)[0],
+        "table": lambda walk: (
+            np.asarray(measured.share(loads(walk)[0], walk.flexion)) * loads(walk)[0]
+        ),
         "external": partial(by_moment, SPACING, 2),
         "moment": partial(by_moment, SPACING, 1),
         "spaced": partial(by_moment, apart, 1),
@@ -80,7 +99,9 @@ def rms(walk: Walk, medial: Floats, with_moment: bool) -> float:
     return float(np.sqrt(np.mean(error[walk.used if with_moment else slice(None)] ** 2)))
 
 
-def missed(walks: Sequence[Walk], others: Callable[[Walk, Walk], bool]) -> dict[str, dict[str, float]]:
+def missed(
+    walks: Sequence[Walk], others: Callable[[Walk, Walk], bool]
+) -> dict[str, dict[str, float]]:
     """RMS errors by form and person, mean of the person's walks.
 
     Every walk is judged by rules fitted to the walks for which `others(walk, each)`; without any it is left out.
@@ -91,7 +112,10 @@ def missed(walks: Sequence[Walk], others: Callable[[Walk, Walk], bool]) -> dict[
         for form, rule in rules(known).items() if known else ():
             error = rms(walk, rule(walk), form in ("external", "moment", "spaced"))
             found[form].setdefault(walk.person.name, []).append(error)
-    return {form: {name: float(np.mean(each)) for name, each in of.items()} for form, of in found.items()}
+    return {
+        form: {name: float(np.mean(each)) for name, each in of.items()}
+        for form, of in found.items()
+    }
 
 
 def other_person(walk: Walk, each: Walk) -> bool:

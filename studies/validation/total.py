@@ -28,7 +28,9 @@ FREE = ("moment_arm_scale", "co_contraction", "tone")
 
 def constants(walk: Walk, values: Sequence[float] = (), delay: float | None = None) -> Constants:
     """Constants of a walk's person: `values` of `FREE`, or the defaults."""
-    person = DEFAULT.constants._replace(mass=walk.person.body_weight / GRAVITY, height=walk.person.height)
+    person = DEFAULT.constants._replace(
+        mass=walk.person.body_weight / GRAVITY, height=walk.person.height
+    )
     person = person._replace(**dict(zip(FREE, values, strict=bool(values))))
     return person if delay is None else person._replace(electromechanical_delay=delay)
 
@@ -37,21 +39,29 @@ def axial(walk: Walk, level: str, person: Constants) -> Floats:
     """Joint reaction [N] of a walk by a level, shape (n,), with the code of the node."""
     estimator, stamps = Estimator(level, person), np.rint(walk.time * SECOND).astype(np.int64)
     rows = zip(stamps.tolist(), walk.joints, walk.nets(level), walk.vertical.tolist(), strict=True)
-    return np.array([
-        estimator.react(stamp, joints, Ground((0.0, force, 0.0), (UNKNOWN,) * 3), net, 0)[0].axial
-        for stamp, joints, net, force in rows
-    ])  # fmt: skip
+    return np.array(
+        [
+            estimator.react(stamp, joints, Ground((0.0, force, 0.0), (UNKNOWN,) * 3), net, 0)[
+                0
+            ].axial
+            for stamp, joints, net, force in rows
+        ]
+    )
 
 
 def by_sensors(walk: Walk, level: str, values: Sequence[float]) -> float:
     """RMS error [body weights] of `estimate-load` on the bag of a walk, with our own inverse dynamics."""
     assert walk.sensors  # noqa: S101  (the caller chooses such walks)
-    given = {"level": level} | {f"person.{name}": value for name, value in zip(FREE, values, strict=True)}
+    given = {"level": level} | {
+        f"person.{name}": value for name, value in zip(FREE, values, strict=True)
+    }
     body = {"person.mass": walk.person.body_weight / GRAVITY, "person.height": walk.person.height}
     found = estimate_load(str(walk.sensors), ["load/inverse_dynamics", given | body])
     measured = [
         (stamp_to_ns(each.message.header.stamp), -each.message.wrench.force.y)
-        for each in read_bag(walk.sensors, {f"/{JOINT_REACTION_FORCE}": MESSAGE_TYPES[JOINT_REACTION_FORCE]})
+        for each in read_bag(
+            walk.sensors, {f"/{JOINT_REACTION_FORCE}": MESSAGE_TYPES[JOINT_REACTION_FORCE]}
+        )
     ]
     stamps, forces = (np.array(column, dtype=np.float64) for column in zip(*measured, strict=True))
     error = found["axial_force"] - np.interp(found["stamp"].astype(np.float64), stamps, forces)
@@ -64,20 +74,33 @@ def weights(walks: Sequence[Walk]) -> list[float]:
     return [1.0 / (names.count(name) * len(set(names))) for name in names]
 
 
-def fitted(walks: Sequence[Walk], levels: Sequence[str], scale: float | None = None) -> tuple[float, ...]:
+def fitted(
+    walks: Sequence[Walk], levels: Sequence[str], scale: float | None = None
+) -> tuple[float, ...]:
     """Fit `FREE` to walks at levels by least squares of the error; `scale` is that of the moment arms, if given."""
     given = () if scale is None else (scale,)
 
     def misfit(numbers: Floats) -> Floats:
-        return np.concatenate([
-            np.sqrt(weight / walk.used.sum()) / walk.person.body_weight
-            * (axial(walk, level, constants(walk, (*given, *numbers.tolist()))) - walk.total)[walk.used]
-            for walk, weight in zip(walks, weights(walks), strict=True) for level in levels
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                np.sqrt(weight / walk.used.sum())
+                / walk.person.body_weight
+                * (axial(walk, level, constants(walk, (*given, *numbers.tolist()))) - walk.total)[
+                    walk.used
+                ]
+                for walk, weight in zip(walks, weights(walks), strict=True)
+                for level in levels
+            ]
+        )
 
     begin = len(given)
     found = least_squares(
-        misfit, (1.2, 0.4, 0.3)[begin:], bounds=(LEAST[begin:], MOST[begin:]), xtol=1e-4, ftol=1e-4, diff_step=1e-3
+        misfit,
+        (1.2, 0.4, 0.3)[begin:],
+        bounds=(LEAST[begin:], MOST[begin:]),
+        xtol=1e-4,
+        ftol=1e-4,
+        diff_step=1e-3,
     )
     return (*given, *(round(float(each), 3) for each in found.x))
 
@@ -85,18 +108,27 @@ def fitted(walks: Sequence[Walk], levels: Sequence[str], scale: float | None = N
 def line(walks: Sequence[Walk]) -> Callable[[Walk], Floats]:
     """Line in the ground force, a + k F, fitted to walks: gives the axial force [N] of another one."""
     rows = [
-        (np.sqrt(weight / walk.used.sum()), walk.vertical[walk.used] / walk.person.body_weight,
-         walk.total[walk.used] / walk.person.body_weight)
+        (
+            np.sqrt(weight / walk.used.sum()),
+            walk.vertical[walk.used] / walk.person.body_weight,
+            walk.total[walk.used] / walk.person.body_weight,
+        )
         for walk, weight in zip(walks, weights(walks), strict=True)
-    ]  # fmt: skip
-    known = np.concatenate([np.stack((np.full(len(force), part), part * force), axis=1) for part, force, _ in rows])
-    offset, slope = np.linalg.lstsq(known, np.concatenate([part * total for part, _, total in rows]), rcond=None)[0]
+    ]
+    known = np.concatenate(
+        [np.stack((np.full(len(force), part), part * force), axis=1) for part, force, _ in rows]
+    )
+    offset, slope = np.linalg.lstsq(
+        known, np.concatenate([part * total for part, _, total in rows]), rcond=None
+    )[0]
     return lambda walk: np.asarray(offset * walk.person.body_weight + slope * walk.vertical)
 
 
 def rms(walk: Walk, force: Floats, within: Flags | None = None) -> float:
     """RMS error [body weights] of an axial force [N], shape (n,), over the samples that are used."""
-    error = (force - walk.total)[walk.used if within is None else walk.used & within] / walk.person.body_weight
+    error = (force - walk.total)[
+        walk.used if within is None else walk.used & within
+    ] / walk.person.body_weight
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -137,15 +169,20 @@ def estimates(walks: Sequence[Walk]) -> list[Estimate]:
         for level in LEVELS:
             ways = [(OTHER_PERSON, shared)] if others else []
             ways += [(OWN, fitted(own, [level]))] if own else []
-            found += [Estimate(walk, level, how, values, axial(walk, level, constants(walk, values)))
-                      for how, values in ways]  # fmt: skip
+            found += [
+                Estimate(walk, level, how, values, axial(walk, level, constants(walk, values)))
+                for how, values in ways
+            ]
     return found
 
 
 def by_person(found: Sequence[Estimate], value: Callable[[Estimate], float]) -> dict[str, float]:
     """Mean of a value over the walks of each person."""
     names = dict.fromkeys(each.walk.person.name for each in found)
-    return {name: float(np.mean([value(each) for each in found if each.walk.person.name == name])) for name in names}
+    return {
+        name: float(np.mean([value(each) for each in found if each.walk.person.name == name]))
+        for name in names
+    }
 
 
 def covered(each: Estimate, deviation: Deviation, stance: bool) -> tuple[float, float]:
@@ -168,16 +205,26 @@ def deviation_of(found: Sequence[Estimate]) -> Deviation:
     def short(deviation: Deviation) -> float:
         parts = [
             by_person(found, lambda each, s=stance, w=which: covered(each, deviation, s)[w])  # type: ignore[misc]
-            for stance in (True, False) for which in (0, 1)
-        ]  # fmt: skip
+            for stance in (True, False)
+            for which in (0, 1)
+        ]
         wanted = [*WANTED, *WANTED]
         return sum(
-            max(want - float(np.mean(list(part.values()))), 0.0) for part, want in zip(parts, wanted, strict=True)
+            max(want - float(np.mean(list(part.values()))), 0.0)
+            for part, want in zip(parts, wanted, strict=True)
         )
 
     def size(deviation: Deviation) -> float:
-        return sum(float(np.mean(np.hypot(deviation.floor, deviation.part * each.force / each.walk.person.body_weight)))
-                   for each in found)  # fmt: skip
+        return sum(
+            float(
+                np.mean(
+                    np.hypot(
+                        deviation.floor, deviation.part * each.force / each.walk.person.body_weight
+                    )
+                )
+            )
+            for each in found
+        )
 
     tried = [Deviation(float(floor), float(part)) for floor, part in product(FLOORS, PARTS)]
     return min(tried, key=lambda each: (round(float(short(each)), 4), size(each)))

@@ -32,7 +32,9 @@ def test_bags_hold_the_tables_numbers(reference_data: Path, side: str) -> None:
         assert force.wrench.torque.x == float(row["Mx"])
 
 
-def test_bags_can_be_made_again(reference_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bags_can_be_made_again(
+    reference_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     script = ROOT / "scripts" / "make_gait_bags.py"
     monkeypatch.setattr(sys, "argv", [str(script), str(reference_data / "gait"), str(tmp_path)])
     with pytest.raises(SystemExit) as ended:

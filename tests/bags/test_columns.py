@@ -30,7 +30,9 @@ def batch(rows: list[tuple[int, int, bytes]]) -> Batch:
 @pytest.mark.parametrize("sizes", [[40], [0, 5, 0, 35], [1] * 40, [17, 23]])
 def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:
     ends = np.cumsum(sizes).tolist()
-    batches = [batch(ROWS).part(slice(end - size, end)) for size, end in zip(sizes, ends, strict=True)]
+    batches = [
+        batch(ROWS).part(slice(end - size, end)) for size, end in zip(sizes, ends, strict=True)
+    ]
     found = list(blocks(batches, most))
     assert [row for block in found for row in block] == ROWS
     assert all(len(block) == most for block in found[:-1])
@@ -62,13 +64,21 @@ def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[Messages
 
 
 def one_by_one(bag: BagWriter, rows: list[Messages]) -> None:
-    order = sorted((int(place), number, i) for number, row in enumerate(rows) for i, place in enumerate(row.place))
+    order = sorted(
+        (int(place), number, i)
+        for number, row in enumerate(rows)
+        for i, place in enumerate(row.place)
+    )
     for _, number, i in order:
         bag.write(rows[number].topic, int(rows[number].stamps[i]), rows[number].data[i].tobytes())
 
 
 @settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), most=st.sampled_from([1, 5, 300]), longest=st.sampled_from([1, 300, 3000]))
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    most=st.sampled_from([1, 5, 300]),
+    longest=st.sampled_from([1, 300, 3000]),
+)
 def test_a_block_is_as_its_messages_one_by_one(
     tmp_path_factory: pytest.TempPathFactory, seed: int, most: int, longest: int
 ) -> None:

@@ -30,22 +30,30 @@ def test_answers_behind_a_hole_say_so(tmp_path: Path) -> None:
     bag = tmp_path / "bag.mcap"
     mcap(bag, CompressionType.NONE)
     content = bytearray(bag.read_bytes())
-    for offset, length in chunks(bag)[2:4]:  # 30 ticks, 0.15 s: longer than may be between two stamps
+    for offset, length in chunks(bag)[
+        2:4
+    ]:  # 30 ticks, 0.15 s: longer than may be between two stamps
         content[offset + length // 2] ^= 1
     bag.write_bytes(content)
     summary = solve(bag, load_parameters({}), tmp_path / "out.mcap")
     assert summary.damage
     answers = [m.message for m in read_bag(tmp_path / "out.mcap", CONTACT)]
     stamps = [stamp_to_ns(answer.header.stamp) for answer in answers]
-    behind = [index for index in range(1, len(stamps)) if stamps[index] - stamps[index - 1] > 100_000_000]
+    behind = [
+        index for index in range(1, len(stamps)) if stamps[index] - stamps[index - 1] > 100_000_000
+    ]
     assert len(behind) == 1
-    assert [index for index, answer in enumerate(answers) if answer.status & Status.STALE_INPUT] == behind
+    assert [
+        index for index, answer in enumerate(answers) if answer.status & Status.STALE_INPUT
+    ] == behind
     with (tmp_path / "out.mcap").open("rb") as file:
         notes = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
     assert notes[SOURCE_DAMAGE] == {"source": "bag.mcap", "faults": "\n".join(summary.damage)}
 
 
-def test_the_command_ends_with_code_1_and_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_ends_with_code_1_and_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = tmp_path / "bag.mcap.partial"
     mcap(bag, CompressionType.ZSTD)
     bag.write_bytes(bag.read_bytes()[:6000])
@@ -78,5 +86,11 @@ def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
 def test_a_file_that_metadata_does_not_list_is_missed_by_its_messages(tmp_path: Path) -> None:
     split(tmp_path / "bag")
     metadata = tmp_path / "bag" / "metadata.yaml"
-    metadata.write_text("\n".join(line for line in metadata.read_text().splitlines() if line.strip() != "- bag_1.mcap"))
-    assert any("messages of metadata.yaml are missing" in fault for fault in damage_of(tmp_path / "bag"))
+    metadata.write_text(
+        "\n".join(
+            line for line in metadata.read_text().splitlines() if line.strip() != "- bag_1.mcap"
+        )
+    )
+    assert any(
+        "messages of metadata.yaml are missing" in fault for fault in damage_of(tmp_path / "bag")
+    )

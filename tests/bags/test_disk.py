@@ -31,7 +31,9 @@ class Call(NamedTuple):
 
 def calls(log: Path) -> list[Call]:
     """What was called so far."""
-    lines = [line.split("\t") for line in log.read_text().split("\n")[:-1]]  # the last one may not be there as a whole
+    lines = [
+        line.split("\t") for line in log.read_text().split("\n")[:-1]
+    ]  # the last one may not be there as a whole
     return [
         Call(what, Path(path), Path(other), int(offset), bytes.fromhex(data))
         for what, path, other, offset, data in lines
@@ -84,11 +86,16 @@ class Disk:
             kept = self.kept.get(id(writes), 0)
             certain, rest = writes[:kept], writes[kept:]
             if how == "torn" and rest:
-                rest = [*rest[:-1], rest[-1]._replace(data=rest[-1].data[: len(rest[-1].data) // 2])]
+                rest = [
+                    *rest[:-1],
+                    rest[-1]._replace(data=rest[-1].data[: len(rest[-1].data) // 2]),
+                ]
             elif how == "zeros":
                 rest = [write._replace(data=bytes(len(write.data))) for write in rest]
             elif how == "backwards":
-                rest = [write._replace(data=bytes(len(write.data))) for write in rest[:-1]] + rest[-1:]
+                rest = [write._replace(data=bytes(len(write.data))) for write in rest[:-1]] + rest[
+                    -1:
+                ]
             elif how == "nothing":
                 rest = []
             yield path, content(certain + rest)
@@ -106,13 +113,17 @@ HOW = ("nothing", "torn", "zeros", "backwards", "all")
 """What becomes of that which was not asked for to be on the disk"""
 
 
-def test_what_was_synced_is_found_wherever_the_power_fails(log: Path, started: Started, tmp_path: Path) -> None:
+def test_what_was_synced_is_found_wherever_the_power_fails(
+    log: Path, started: Started, tmp_path: Path
+) -> None:
     path, numbers = tmp_path / FOLDER / RECORDING, 0
     sink = started.recorder(path, settings=SETTINGS)
     for number in (30, 45, 80):  # the recording goes on in a new file meanwhile
         put(sink, range(numbers, number))
         numbers = number
-        wait_until(lambda number=number: synced(calls(log), tmp_path) == number)  # while it is written
+        wait_until(
+            lambda number=number: synced(calls(log), tmp_path) == number
+        )  # while it is written
     close(sink)
     assert (sink.failure, started.told) == ("", [])
 

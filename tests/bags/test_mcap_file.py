@@ -47,7 +47,9 @@ def chunks(path: Path) -> list[tuple[int, int]]:
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    return sorted((index.chunk_start_offset, index.chunk_length) for index in summary.chunk_indexes)
+    return sorted(
+        (index.chunk_start_offset, index.chunk_length) for index in summary.chunk_indexes
+    )
 
 
 def change(path: Path, offset: int, data: bytes) -> None:
@@ -69,8 +71,12 @@ def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: 
     assert most == 2 * TICKS  # cut off in the summary
 
 
-@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
-def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(tmp_path: Path, compression: CompressionType) -> None:
+@pytest.mark.parametrize(
+    "compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE]
+)
+def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(
+    tmp_path: Path, compression: CompressionType
+) -> None:
     path, random = tmp_path / "bag.mcap", np.random.default_rng(0)
     payloads = [random.bytes(1000) for _ in range(1000)]
     with path.open("wb") as file:
@@ -113,20 +119,30 @@ def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int)
     dice, path, chunks = np.random.default_rng(seed), tmp_path / "bag.mcap", []
     times = [sorted(dice.integers(0, 200, dice.integers(1, 9)).tolist()) for _ in range(100)]
     times[seed] = list(range(300))
-    for number, part in enumerate(times, start=1):  # each of another publisher: time goes back for none of them
+    for number, part in enumerate(
+        times, start=1
+    ):  # each of another publisher: time goes back for none of them
         data = b"".join(message(number, b"", time) for time in part)
         chunks.append(chunk(data, len(data), "", part[0], part[-1]))
     channels = (channel(number, "/a") for number in range(1, len(times) + 1))
     path.write_bytes(whole(schema(1, "a/msg/B", b""), *channels, *chunks))
-    assert [time for _, time, _ in read(path)[0]] == sorted(time for part in times for time in part)
+    assert [time for _, time, _ in read(path)[0]] == sorted(
+        time for part in times for time in part
+    )
 
 
 @pytest.mark.parametrize("pause", [25, 500])
-def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(tmp_path: Path, pause: int) -> None:
-    times = np.cumsum(np.where(np.arange(500) % 5 == 0, pause, 1))  # five messages at a time, as over a radio
+def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(
+    tmp_path: Path, pause: int
+) -> None:
+    times = np.cumsum(
+        np.where(np.arange(500) % 5 == 0, pause, 1)
+    )  # five messages at a time, as over a radio
     times[300:] -= times[300] - times[150] + 10
     path, data = tmp_path / "bag.mcap", b"".join(message(1, b"", time) for time in times.tolist())
-    path.write_bytes(whole(schema(1, "a/msg/B", b""), channel(1, "/a"), chunk(data, len(data), "", 0, 10**6)))
+    path.write_bytes(
+        whole(schema(1, "a/msg/B", b""), channel(1, "/a"), chunk(data, len(data), "", 0, 10**6))
+    )
     assert [time for _, time, _ in read(path)[0]] == times.tolist()
 
 
@@ -134,14 +150,19 @@ def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     for content, words in (
         (whole(chunk(zstd_of_zeros(1024), 2**28)), "more than 200 times the file"),
-        (whole(chunk(record(0x80, b"") * (MOST_RECORDS + 1), 9 * (MOST_RECORDS + 1), "")), f"{MOST_RECORDS} records"),
+        (
+            whole(chunk(record(0x80, b"") * (MOST_RECORDS + 1), 9 * (MOST_RECORDS + 1), "")),
+            f"{MOST_RECORDS} records",
+        ),
     ):
         path.write_bytes(content)
         with closing(McapFile(path)) as file:
             assert any(words in fault for fault in file.faults)
 
 
-def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_over_each_other_are_not_unpacked_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("knee_contact_ros.bags.columns.MOST_AT_ONCE", 2**20)
     path, topics = tmp_path / "bag.mcap", schema(1, STATE, b"") + channel(1, "/joint_states")
     for last, refused in ((0, False), (300, True)):
@@ -152,5 +173,7 @@ def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path, monkeyp
         path.write_bytes(whole(topics, *parts))
         with closing(McapFile(path)) as file:
             batches = by_arrival([file], [{1: 0}])
-            with pytest.raises(UsageError, match="its chunks overlap") if refused else nullcontext():
+            with (
+                pytest.raises(UsageError, match="its chunks overlap") if refused else nullcontext()
+            ):
                 assert sum(map(len, batches)) == 600

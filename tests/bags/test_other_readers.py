@@ -22,7 +22,11 @@ NUMBER = 500
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a recording."""
     folder = tmp_path_factory.mktemp("recording")
-    record(folder / "knee_0.mcap", range(NUMBER), Limits(duration=200 * MS) if "several" in request.param else Limits())
+    record(
+        folder / "knee_0.mcap",
+        range(NUMBER),
+        Limits(duration=200 * MS) if "several" in request.param else Limits(),
+    )
     return folder
 
 
@@ -33,7 +37,11 @@ def files(recording: Path) -> list[Path]:
 
 def test_rosbags_reads_it_as_one_bag(recording: Path) -> None:
     with AnyReader([recording]) as reader:
-        stamps = [stamp // MS for connection, stamp, _ in reader.messages() if connection.topic == "/knee_contact"]
+        stamps = [
+            stamp // MS
+            for connection, stamp, _ in reader.messages()
+            if connection.topic == "/knee_contact"
+        ]
         assert reader.message_count == NUMBER * TICK
     assert stamps == list(range(NUMBER))
     with Reader(recording) as reader:  # the strict one
@@ -53,5 +61,7 @@ def test_rerun_takes_every_file(recording: Path, tmp_path: Path) -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120.0)
         assert done.returncode == 0, done.stderr
         assert "ERROR" not in done.stderr
-        done = subprocess.run([rerun, "rrd", "verify", target], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [rerun, "rrd", "verify", target], capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, done.stderr

@@ -45,15 +45,21 @@ def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
         return [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
 
 
-def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag: Path, tmp_path: Path) -> None:
+def test_a_recording_is_computed_again_from_itself_alone(
+    config: Path, right_bag: Path, tmp_path: Path
+) -> None:
     """Even where the files that its parameters named are gone."""
     profile, mine = tmp_path / "my_femur.csv", tmp_path / "mine.yaml"
     shutil.copy(config / "femur_medial.csv", profile)
-    mine.write_text(f"knee_contact: {{ros__parameters: {{femur: {{geometry: profile, profile: {profile}}}}}}}")
+    mine.write_text(
+        f"knee_contact: {{ros__parameters: {{femur: {{geometry: profile, profile: {profile}}}}}}}"
+    )
     first, second, third = (tmp_path / f"{name}.mcap" for name in ("first", "second", "third"))
     solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first)
     profile.unlink()
-    done = CliRunner().invoke(knee_contact, ["solve", str(first), "--output", str(second)], catch_exceptions=False)
+    done = CliRunner().invoke(
+        knee_contact, ["solve", str(first), "--output", str(second)], catch_exceptions=False
+    )
     assert f"those in {first.name}, made with knee_contact_ros" in done.output
     assert messages(second) == messages(first)
     found = read_provenance(second)
@@ -61,7 +67,14 @@ def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag
     assert found.parameters == load_parameters([config / "osteoarthritis.yaml", mine])
     solve(second, found, third)
     assert messages(third) == messages(first)
-    healthy = ["solve", str(first), "--params", "healthy.yaml", "--output", str(tmp_path / "fourth.mcap")]
+    healthy = [
+        "solve",
+        str(first),
+        "--params",
+        "healthy.yaml",
+        "--output",
+        str(tmp_path / "fourth.mcap"),
+    ]
     assert CliRunner().invoke(knee_contact, healthy).exit_code == 0
     assert messages(tmp_path / "fourth.mcap") != messages(first)
 
@@ -77,7 +90,9 @@ def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
     assert messages(tmp_path / "again.mcap") == messages(tmp_path / "new.mcap")
 
 
-def test_the_record_names_package_model_parameters_and_source(config: Path, right_bag: Path, tmp_path: Path) -> None:
+def test_the_record_names_package_model_parameters_and_source(
+    config: Path, right_bag: Path, tmp_path: Path
+) -> None:
     copied = tmp_path / "bag.mcap"
     shutil.copy(next(right_bag.glob("*.mcap")), copied)
     solve(copied, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap")
@@ -86,7 +101,10 @@ def test_the_record_names_package_model_parameters_and_source(config: Path, righ
     assert record["source_sha256"] == hashlib.sha256(copied.read_bytes()).hexdigest()
     assert len(record["model_sha256"]) == 64
     parameters = json.loads(record["parameters"])
-    assert parameters["contact.stiffness"] == load_parameters(config / "healthy.yaml").contact.stiffness
+    assert (
+        parameters["contact.stiffness"]
+        == load_parameters(config / "healthy.yaml").contact.stiffness
+    )
     assert not [name for name in parameters if name.startswith(("record", "rerun", "autostart"))]
 
 
@@ -94,13 +112,21 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
     """Changes count from the beginning of the recording, whatever the node had computed before."""
     recording = tmp_path / "out.mcap"
     with BagWriter(recording) as bag:
-        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.6}), {}, ticks_before=1000))
-        bag.add_metadata("parameters_changed", change_record(1100, {"contact.damping": 0.0, "deadline": 0.5}))
+        bag.add_metadata(
+            "knee_contact",
+            provenance_record(load_parameters({"load.share": 0.6}), {}, ticks_before=1000),
+        )
+        bag.add_metadata(
+            "parameters_changed", change_record(1100, {"contact.damping": 0.0, "deadline": 0.5})
+        )
         bag.add_metadata("reset", {"tick": "1200"})
     found = read_provenance(recording)
     assert found is not None
     assert found.parameters.load.share == 0.6
-    assert found.changes == (Change(100, {"contact.damping": 0.0, "deadline": 0.5}), Change(200, None))
+    assert found.changes == (
+        Change(100, {"contact.damping": 0.0, "deadline": 0.5}),
+        Change(200, None),
+    )
     redone = tmp_path / "redone.mcap"
     solve(right_bag, found, redone)
     plain = tmp_path / "plain.mcap"
@@ -115,7 +141,11 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
 
 
 BROKEN = {
-    "no value": ("parameters_changed", {"tick": "100", "contact.damping": "{"}, "parameters_changed (tick 100)"),
+    "no value": (
+        "parameters_changed",
+        {"tick": "100", "contact.damping": "{"},
+        "parameters_changed (tick 100)",
+    ),
     "a value as deep as can be": (
         "parameters_changed",
         {"tick": "100", "contact.damping": "[" * 100_000},
@@ -133,7 +163,9 @@ def test_a_damaged_change_is_told(
     kind, values, words = BROKEN[name]
     ours = provenance_record(load_parameters({}), {})
     good = ("parameters_changed", change_record(200, {"contact.damping": 0.0}))
-    recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), (kind, values), good])
+    recording = recording_with(
+        tmp_path / "in.mcap", right_bag, [("knee_contact", ours), (kind, values), good]
+    )
     assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
@@ -150,10 +182,15 @@ def test_a_change_that_cannot_be_made_is_refused(
     changed = ("parameters_changed", {"tick": "100", "contact.dampinh": "1.0"})
     recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), changed])
     assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 2
-    assert "a change after 100 ticks that cannot be made: unknown parameter contact.dampinh" in capsys.readouterr().err
+    assert (
+        "a change after 100 ticks that cannot be made: unknown parameter contact.dampinh"
+        in capsys.readouterr().err
+    )
 
 
-def test_a_recording_that_was_cut_off_still_says_it(config: Path, right_bag: Path, tmp_path: Path) -> None:
+def test_a_recording_that_was_cut_off_still_says_it(
+    config: Path, right_bag: Path, tmp_path: Path
+) -> None:
     solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "out.mcap").read_bytes()[:-5000])
@@ -168,7 +205,9 @@ def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
         bag.add_metadata("knee_contact", provenance_record(load_parameters({}), {}))
         for stamp in (0, 20):
             bag.split_if_due(stamp)
-            bag.write("/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ())))
+            bag.write(
+                "/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ()))
+            )
     with pytest.raises(UsageError, match=r"run_1.mcap continues run_0.mcap"):
         read_provenance(tmp_path / "run_1.mcap")
     for whole in (tmp_path, tmp_path / "run_0.mcap"):
@@ -179,7 +218,9 @@ def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: P
     shutil.copytree(right_bag, tmp_path / "bag")
     folder, digest = tmp_path / "bag", bag_digest(tmp_path / "bag")
     with BagWriter(folder / "a_earlier.mcap") as bag:
-        bag.add_metadata("knee_contact", provenance_record(load_parameters({"load.share": 0.9}), {}))
+        bag.add_metadata(
+            "knee_contact", provenance_record(load_parameters({"load.share": 0.9}), {})
+        )
         bag.add_metadata("reset", {"tick": "5"})
     assert read_provenance(folder / "a_earlier.mcap") is not None
     assert read_provenance(folder) is None

@@ -34,28 +34,41 @@ def lz4_file(folder: Path, messages: list[RawMessage]) -> Path:
     return mcap.close()
 
 
-def kind(storage: StoragePlugin, mode: str = "NONE", split: bool = False, alone: bool = False) -> Kind:
+def kind(
+    storage: StoragePlugin, mode: str = "NONE", split: bool = False, alone: bool = False
+) -> Kind:
     """A bag in a folder, in one file or several, or its only file alone."""
 
     def make(folder: Path, messages: list[RawMessage]) -> Path:
-        bag = (write_split if split else write_rosbag2)(folder, messages, storage, CompressionMode[mode])
-        return next(path for path in bag.iterdir() if path.name != "metadata.yaml") if alone else bag
+        bag = (write_split if split else write_rosbag2)(
+            folder, messages, storage, CompressionMode[mode]
+        )
+        return (
+            next(path for path in bag.iterdir() if path.name != "metadata.yaml") if alone else bag
+        )
 
     return make
 
 
 KINDS: dict[str, Kind] = {
-    f"{storage.name}, {mode}{', split' * split}{', the file' * alone}": kind(storage, mode, split, alone)
+    f"{storage.name}, {mode}{', split' * split}{', the file' * alone}": kind(
+        storage, mode, split, alone
+    )
     for storage, mode, split, alone in [
         *itertools.product((SQLITE, MCAP), ("NONE", "FILE", "MESSAGE"), (False, True), (False,)),
         *itertools.product((SQLITE, MCAP), ("NONE",), (False,), (True,)),
         (MCAP, "STORAGE", False, False),
     ]
-} | {"sqlite3, metadata version 8": lambda f, m: write_rosbag2(f, m, SQLITE, version=8), "mcap, lz4": lz4_file}
+} | {
+    "sqlite3, metadata version 8": lambda f, m: write_rosbag2(f, m, SQLITE, version=8),
+    "mcap, lz4": lz4_file,
+}
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-def test_every_kind_of_bag_gives_the_same_messages(kind: Kind, gait: list[RawMessage], tmp_path: Path) -> None:
+def test_every_kind_of_bag_gives_the_same_messages(
+    kind: Kind, gait: list[RawMessage], tmp_path: Path
+) -> None:
     path = kind(tmp_path / "bag", gait)
     with BagReader(path) as reader:
         assert reader.count == len(gait)
@@ -91,7 +104,10 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
     path = mcap.close()
     assert raw_inputs(path) == gait
     with BagReader(path) as reader:
-        assert list(reader.raw_messages(start=gait[300].log_time, stop=gait[302].log_time)) == gait[300:302]
+        assert (
+            list(reader.raw_messages(start=gait[300].log_time, stop=gait[302].log_time))
+            == gait[300:302]
+        )
 
 
 @pytest.mark.parametrize(
@@ -99,13 +115,23 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
     [
         (["joint_states"], "", "it must be NAME:=VALUE"),
         (["joint_states:="], "", "it must be NAME:=VALUE"),
-        (["/imu:=joint_states"], "", "FROM must be joint_states or joint_reaction_force, the input"),
+        (
+            ["/imu:=joint_states"],
+            "",
+            "FROM must be joint_states or joint_reaction_force, the input",
+        ),
         (["joint_states:=a", "joint_states:=b"], "", "remapped twice"),
-        (["joint_states:=joint_reaction_force"], "", "two inputs cannot both be /joint_reaction_force"),
+        (
+            ["joint_states:=joint_reaction_force"],
+            "",
+            "two inputs cannot both be /joint_reaction_force",
+        ),
         ([], "/", "it must be a name"),
     ],
 )
-def test_a_wrong_rule_says_what_would_be_right(remaps: list[str], namespace: str, words: str) -> None:
+def test_a_wrong_rule_says_what_would_be_right(
+    remaps: list[str], namespace: str, words: str
+) -> None:
     with pytest.raises(UsageError) as caught:
         names_in_bag(remaps, namespace)
     assert words in str(caught.value)
@@ -138,12 +164,19 @@ STATE, WRENCH = INPUT_TYPES.values()
         ),
         ([(f"/imu{number}", WRENCH) for number in range(10, 40)], "/imu29 and 10 more"),
         ([], "its topics: none"),
-        ([(ANGLE, STATE), (ANGLE, WRENCH), (FORCE, WRENCH)],
-         f"/joint_states has 2 types, {WRENCH} and {STATE}; it must be a {STATE}"),
-        ([(ANGLE, WRENCH), (FORCE, WRENCH)], f"topic /joint_states is a {WRENCH}; it must be a {STATE}"),
+        (
+            [(ANGLE, STATE), (ANGLE, WRENCH), (FORCE, WRENCH)],
+            f"/joint_states has 2 types, {WRENCH} and {STATE}; it must be a {STATE}",
+        ),
+        (
+            [(ANGLE, WRENCH), (FORCE, WRENCH)],
+            f"topic /joint_states is a {WRENCH}; it must be a {STATE}",
+        ),
     ],
-)  # fmt: skip
-def test_what_is_there_instead_is_told_in_one_line(channels: list[tuple[str, str]], words: str, tmp_path: Path) -> None:
+)
+def test_what_is_there_instead_is_told_in_one_line(
+    channels: list[tuple[str, str]], words: str, tmp_path: Path
+) -> None:
     with pytest.raises(UsageError) as caught:
         BagReader(empty(tmp_path / "bag.mcap", channels))
     assert words in str(caught.value)
@@ -155,7 +188,9 @@ def test_a_topic_that_is_no_cdr_is_told(tmp_path: Path) -> None:
         BagReader(empty(tmp_path / "json.mcap", list(INPUT_TYPES.items()), encoding="json"))
 
 
-def test_a_compressed_file_that_somebody_unpacked_is_read(gait: list[RawMessage], tmp_path: Path) -> None:
+def test_a_compressed_file_that_somebody_unpacked_is_read(
+    gait: list[RawMessage], tmp_path: Path
+) -> None:
     folder = write_rosbag2(tmp_path / "bag", gait, MCAP, CompressionMode.FILE)
     (packed,) = folder.glob("*.zstd")
     with packed.open("rb") as source, packed.with_suffix("").open("wb") as target:

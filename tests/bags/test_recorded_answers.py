@@ -34,11 +34,17 @@ def test_columns_hold_what_the_messages_say(recording: Path) -> None:
     messages = [entry.message for entry in read_bag(recording, {"/knee_contact": CONTACT})]
     assert answers["stamp"].tolist() == [stamp_to_ns(message.header.stamp) for message in messages]
     for name in ("x", "y"):
-        assert answers["contact_point"][name].tolist() == [getattr(message.contact_point, name) for message in messages]
+        assert answers["contact_point"][name].tolist() == [
+            getattr(message.contact_point, name) for message in messages
+        ]
     for name in set(FIELDS) - {"contact_point"}:
-        column = np.array([getattr(message, name) for message in messages], dtype=answers[name].dtype)
+        column = np.array(
+            [getattr(message, name) for message in messages], dtype=answers[name].dtype
+        )
         assert answers[name].tobytes() == column.tobytes(), name
-    assert len(set(answers["contact_state"].tolist())) == 2  # cartilage and bone: the columns are not all alike
+    assert (
+        len(set(answers["contact_state"].tolist())) == 2
+    )  # cartilage and bone: the columns are not all alike
     assert answer_topics(recording) == ["/knee_contact"]
 
 
@@ -74,17 +80,23 @@ def test_a_file_of_two_definitions_is_refused(old_recording: Path, tmp_path: Pat
     with (tmp_path / "both.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start("ros2")
-        for number, (text, data) in enumerate([(schema.data, entry.data), (definition(CONTACT), message(1, "tibia"))]):
+        for number, (text, data) in enumerate(
+            [(schema.data, entry.data), (definition(CONTACT), message(1, "tibia"))]
+        ):
             schema_id = writer.register_schema(CONTACT, "ros2msg", text)
             channel = writer.register_channel("/knee_contact", "cdr", schema_id)
             for repeat in range(2):
                 writer.add_message(channel, 2 * number + repeat, data, 0)
         writer.finish()
-    with pytest.raises(UsageError, match="has several definitions of its messages: give its recordings one by one"):
+    with pytest.raises(
+        UsageError, match="has several definitions of its messages: give its recordings one by one"
+    ):
         read_answers(tmp_path / "both.mcap")
 
 
-def test_unusable_recordings_are_one_line(tmp_path: Path, right_bag: Path, recording: Path) -> None:
+def test_unusable_recordings_are_one_line(
+    tmp_path: Path, right_bag: Path, recording: Path
+) -> None:
     with pytest.raises(UsageError, match="no bag at"):
         answer_topics(tmp_path / "nothing.mcap")
     with pytest.raises(UsageError, match="has no topic /knee_contact"):

@@ -42,13 +42,19 @@ from tests.helpers.sinks import (
 QUEUES = [MayWait(1000), MayWait(10**6, 2.2)]
 
 
-def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, config: Path, tmp_path: Path) -> None:
+def test_a_recording_holds_what_solve_writes(
+    started: Started, right_bag: Path, config: Path, tmp_path: Path
+) -> None:
     parameters = load_parameters(config / "healthy.yaml")
     pipeline = ContactStream(parameters, compiled=False)
-    sink = started.recorder(tmp_path / "live.mcap", wait=False)  # it takes answers before it is open
+    sink = started.recorder(
+        tmp_path / "live.mcap", wait=False
+    )  # it takes answers before it is open
     with BagReader(right_bag) as bag:
         for topic, _, data in bag.raw_messages():
-            for each in (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(data):
+            for each in (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(
+                data
+            ):
                 sink.put(each)
     for data in (b"", b""):
         list(pipeline.joint_state(data))  # refused
@@ -64,13 +70,22 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
     )
     assert live == offline
     assert read_refused(tmp_path / "live.mcap") == {"undecodable": 2}
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["live.mcap", "metadata.yaml", "offline.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "live.mcap",
+        "metadata.yaml",
+        "offline.mcap",
+    ]
 
 
 @needs_viewer
-def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_path: Path) -> None:
+def test_a_full_disk_stops_the_recording_and_says_so_once(
+    started: Started, tmp_path: Path
+) -> None:
     path = tmp_path / "out.mcap"
-    recording, picture = started.recorder(path, wait=False), started.viewer(tmp_path / "knee.rrd", wait=False)
+    recording, picture = (
+        started.recorder(path, wait=False),
+        started.viewer(tmp_path / "knee.rrd", wait=False),
+    )
     for sink in (recording, picture):
         sink.wait_until_known()
         resource.prlimit(pid(sink), resource.RLIMIT_FSIZE, (64 * 1024, 64 * 1024))
@@ -83,7 +98,9 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_
         assert close(sink) == (sink is picture)  # which may have gaps
     assert sorted(started.told) == sorted([recording.failure, picture.failure])
     assert recording.failure.startswith(f"recording {path} stopped: File too large")
-    assert picture.failure.startswith(f"Rerun recording {tmp_path / 'knee.rrd'} stopped: File too large")
+    assert picture.failure.startswith(
+        f"Rerun recording {tmp_path / 'knee.rrd'} stopped: File too large"
+    )
     assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
 
 
@@ -103,9 +120,15 @@ def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_pa
         sink.failure,
     )
     assert recorded_ticks(path) == list(range(100))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["metadata.yaml", "other", "out.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "metadata.yaml",
+        "other",
+        "out.mcap",
+    ]
     with path.open("rb") as opened:
-        names = [record.name for record in StreamReader(opened).records if isinstance(record, Metadata)]
+        names = [
+            record.name for record in StreamReader(opened).records if isinstance(record, Metadata)
+        ]
     assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]
 
 
@@ -115,7 +138,9 @@ def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None
     sink.wait_until_known()
     assert re.match(rf"cannot write {path}: [\d.]+ MB are free .* keeps 1e\+12 MB", sink.failure)
     close(sink)
-    with pytest.raises(UsageError, match=r"free on its disk, 1000000000000\.0 MB are needed, and .* keeps 1 MB"):
+    with pytest.raises(
+        UsageError, match=r"free on its disk, 1000000000000\.0 MB are needed, and .* keeps 1 MB"
+    ):
         refuse(path, 1e6, 1e18)
     assert list(tmp_path.iterdir()) == []
 
@@ -127,7 +152,13 @@ def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_of
     sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
     put(sink, range(450))
     partial = tmp_path / "out_4.mcap.partial"
-    wait_until(lambda: partial.exists() and len(readable(partial)) == 50 and (tmp_path / "out_3.mcap").exists())
+    wait_until(
+        lambda: (
+            partial.exists()
+            and len(readable(partial)) == 50
+            and (tmp_path / "out_3.mcap").exists()
+        )
+    )
     wait_until(lambda: len(recorded_ticks(tmp_path)) == 400)
     os.kill(pid(sink), signal.SIGKILL)
     wait_until(lambda: sink.failure)
@@ -137,15 +168,21 @@ def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_of
 
 
 @pytest.mark.parametrize(("queue", "fits"), list(zip(QUEUES, (1000, 1100), strict=True)))
-def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: MayWait, fits: int) -> None:
+def test_a_recording_has_no_gaps(
+    started: Started, tmp_path: Path, monkeypatch: Any, queue: MayWait, fits: int
+) -> None:
     monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(900))
     backlog = settled_backlog(sink)  # the others are in the socket
-    full = 100.0 * max(backlog / queue.queue, backlog * size_of(answer(0)) / (1e6 * queue.queue_size))
+    full = 100.0 * max(
+        backlog / queue.queue, backlog * size_of(answer(0)) / (1e6 * queue.queue_size)
+    )
     assert full > 25.0
-    assert sink.report()[1] == f"recording {sink.name} is behind: {full:.0f} % of its queue is full"
+    assert (
+        sink.report()[1] == f"recording {sink.name} is behind: {full:.0f} % of its queue is full"
+    )
     put(sink, range(900, 900 + fits))
     wait_until(lambda: started.told)  # while it stands still
     said = sink.report()[1:]
@@ -153,7 +190,9 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     put(sink, range(900))
     assert not close(sink)
     assert sink.dropped >= 900
-    assert started.remarks == [f"recording {sink.name}: {sink.dropped} answers in all were not handed to it"]
+    assert started.remarks == [
+        f"recording {sink.name}: {sink.dropped} answers in all were not handed to it"
+    ]
     assert said == (sink.failure, True)
     waited = f"more waited than {queue.queue} answers (parameter record.queue) or {queue.queue_size:g} MB"
     assert f"out.mcap stopped: {waited} (record.queue_size)" in sink.failure

@@ -57,7 +57,10 @@ def test_a_cut_off_recording_is_whole_again(cut: Path, tmp_path: Path) -> None:
     found = [tuple(message) for message in raw_inputs(output)]
     assert found == list(messages())[: len(found)]
     assert 20 < len(found) < 2 * TICKS
-    assert [topic.messages for topic in recovery.topics] == [(len(found) + 1) // 2, len(found) // 2]
+    assert [topic.messages for topic in recovery.topics] == [
+        (len(found) + 1) // 2,
+        len(found) // 2,
+    ]
     assert {topic.missing for topic in recovery.topics} == {None}  # the statistics are gone
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bag.mcap", "bag.mcap.partial"]
     with AnyReader([output]) as reader:
@@ -91,7 +94,11 @@ def test_everything_else_stays_as_it_is(tmp_path: Path) -> None:
     assert [record.name for record in new["Metadata"]] == ["note", RECOVERED]
     assert new["Metadata"][0] == old["Metadata"][0]
     assert {record.compression for record in new["ChunkIndex"]} == {"lz4"}
-    assert (recovery.faults, recovery.unread, [topic.missing for topic in recovery.topics]) == ([], 0, [0, 0])
+    assert (recovery.faults, recovery.unread, [topic.missing for topic in recovery.topics]) == (
+        [],
+        0,
+        [0, 0],
+    )
 
 
 def test_the_missing_are_counted_where_the_statistics_are_left(
@@ -126,7 +133,12 @@ def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("data", "words"),
-    [(None, "is not there"), (b"text", "is no MCAP file"), (b"", "is no MCAP file"), (b"SQLite format 3\0", "sqlite3")],
+    [
+        (None, "is not there"),
+        (b"text", "is no MCAP file"),
+        (b"", "is no MCAP file"),
+        (b"SQLite format 3\0", "sqlite3"),
+    ],
 )
 def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, words: str) -> None:
     path = tmp_path / "in.mcap"
@@ -148,10 +160,24 @@ def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
     folder.mkdir()
     output = folder / "bag.mcap"
     output.write_text("precious")
-    environment = {"LD_PRELOAD": str(watching), "WATCHED_FOLDER": str(folder), "WATCHED_LOG": str(tmp_path / "log")}
+    environment = {
+        "LD_PRELOAD": str(watching),
+        "WATCHED_FOLDER": str(folder),
+        "WATCHED_LOG": str(tmp_path / "log"),
+    }
     environment["WATCHED_FAULT"] = f"{fault}:{errno.ENOSPC}"
-    command = [sys.executable, "-m", "knee_contact_ros.commands.main", "recover", str(cut), str(output), "--overwrite"]
-    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "knee_contact_ros.commands.main",
+        "recover",
+        str(cut),
+        str(output),
+        "--overwrite",
+    ]
+    done = subprocess.run(
+        command, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
     refused = fault.startswith("open")  # there is no place for it
     assert (done.returncode, done.stdout) == (2 if refused else 1, ""), done.stderr
     assert done.stderr.startswith("knee-contact: ")
@@ -165,7 +191,12 @@ def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_pat
     with pytest.raises(UsageError, match="appeared in the meantime and was not changed"):
         recover(cut, output, advance=lambda _done, _total: output.write_text("precious") and None)
     assert output.read_text() == "precious"
-    recover(cut, output, advance=lambda _done, _total: output.write_text("old") and None, overwrite=True)
+    recover(
+        cut,
+        output,
+        advance=lambda _done, _total: output.write_text("old") and None,
+        overwrite=True,
+    )
     assert raw_inputs(output)
 
 
@@ -184,22 +215,29 @@ def put(begin: int, data: bytes, chunk: int | None = None) -> Damage:
 
 
 def deleted(chunk: int, begin: int, length: int) -> Damage:
-    return lambda content, chunks, _: content.__delitem__(slice(chunks[chunk] + begin, chunks[chunk] + begin + length))
+    return lambda content, chunks, _: content.__delitem__(
+        slice(chunks[chunk] + begin, chunks[chunk] + begin + length)
+    )
 
 
 def inserted(data: Callable[[bytearray, list[int]], bytes]) -> Damage:
-    return lambda content, chunks, _: content.__setitem__(slice(chunks[2], chunks[2]), data(content, chunks))
+    return lambda content, chunks, _: content.__setitem__(
+        slice(chunks[2], chunks[2]), data(content, chunks)
+    )
 
 
 def of_length(length: Callable[[list[int]], int]) -> Damage:
     """Have the second chunk claim another length."""
-    return lambda content, chunks, summary: put(1, length(chunks).to_bytes(8, "little"), 1)(content, chunks, summary)
+    return lambda content, chunks, summary: put(1, length(chunks).to_bytes(8, "little"), 1)(
+        content, chunks, summary
+    )
 
 
 def without_index(damage: Damage) -> Damage:
     return lambda content, chunks, summary: (
-        damage(content, chunks, summary), content.__delitem__(slice(summary, None)),
-    )  # fmt: skip
+        damage(content, chunks, summary),
+        content.__delitem__(slice(summary, None)),
+    )
 
 
 def every_opcode(content: bytearray, chunks: list[int], _summary: int) -> None:
@@ -215,7 +253,10 @@ def wrong_index(content: bytearray, chunks: list[int], summary: int) -> None:
 
 U = b"\x55"
 HEAD_LIES = "the data do not fit their checksum"
-NO_RECORDS, SUMMARY = "they are no valid records", "the summary does not fit its checksum or its place"
+NO_RECORDS, SUMMARY = (
+    "they are no valid records",
+    "the summary does not fit its checksum or its place",
+)
 DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "opcode of the first chunk": (put(0, b"\x21", 0), True, HEAD_LIES),
     "opcode of a message": (put(0, b"\x05", 2), True, HEAD_LIES),
@@ -224,11 +265,22 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "private opcode": (put(0, b"\x86", 2), True, HEAD_LIES),
     "length": (of_length(lambda chunks: chunks[2] - chunks[1]), True, HEAD_LIES),
     "length beyond all memory": (of_length(lambda _: 2**64 - 1), True, HEAD_LIES),
-    "length over other chunks": (of_length(lambda chunks: chunks[3] - chunks[1] - 9), True, HEAD_LIES),
-    "length without an index": (without_index(of_length(lambda _: 10**4)), True, "the end is missing"),
+    "length over other chunks": (
+        of_length(lambda chunks: chunks[3] - chunks[1] - 9),
+        True,
+        HEAD_LIES,
+    ),
+    "length without an index": (
+        without_index(of_length(lambda _: 10**4)),
+        True,
+        "the end is missing",
+    ),
     "size of the data without an index": (
-        without_index(lambda data, chunks, _: put(41 + data[chunks[1] + 37], b"\xff" * 8, 1)(data, chunks, 0)),
-        False, NO_RECORDS,
+        without_index(
+            lambda data, chunks, _: put(41 + data[chunks[1] + 37], b"\xff" * 8, 1)(data, chunks, 0)
+        ),
+        False,
+        NO_RECORDS,
     ),
     "times of a chunk": (put(9, U * 16, 2), True, "the data do not fit their checksum"),
     "size of a chunk": (put(25, U * 2, 2), True, HEAD_LIES),
@@ -245,29 +297,49 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "message index": (put(-60, U * 40, 3), True, "the data do not fit their checksum"),
     "zeros over two chunks' border": (put(-300, bytes(400), 2), False, "messages are missing"),
     "place in the index": (wrong_index, True, SUMMARY),
-    "summary": (lambda content, _, summary: put(summary, U * 60)(content, [], 0), True, NO_RECORDS),
+    "summary": (
+        lambda content, _, summary: put(summary, U * 60)(content, [], 0),
+        True,
+        NO_RECORDS,
+    ),
     "footer": (put(-30, U * 10), True, NO_RECORDS),
     "place of the summary": (put(-28, b"\xff" * 8), True, SUMMARY),
     "magic at the end": (put(-8, U * 8), True, "the end is missing"),
     "magic at the beginning": (put(0, U * 8), True, "the data do not fit their checksum"),
     "header": (put(8, U * 9), True, "the beginning is damaged"),
     "cut in a chunk": (deleted(3, 300, 10**6), False, "is cut off; "),
-    "cut in the summary": (lambda content, _, summary: content.__delitem__(slice(summary + 30, None)), True, "the end"),
+    "cut in the summary": (
+        lambda content, _, summary: content.__delitem__(slice(summary + 30, None)),
+        True,
+        "the end",
+    ),
     "zeros at the end": (put(300, bytes(10**6), 3), False, "the end is missing"),
     "bytes deleted": (deleted(1, -30, 80), False, NO_RECORDS),
     "bytes inserted": (inserted(lambda *_: b"\x11" * 77), True, NO_RECORDS),
-    "attachment": (lambda data, *_: put(data.index(b"some text"), U)(data, [], 0), True, NO_RECORDS),
-    "length of an attachment's data": (
-        lambda data, *_: put(data.index(b"some text") - 8, b"\xff" * 8)(data, [], 0), True, NO_RECORDS,
+    "attachment": (
+        lambda data, *_: put(data.index(b"some text"), U)(data, [], 0),
+        True,
+        NO_RECORDS,
     ),
-    "a chunk twice": (inserted(lambda content, chunks: content[chunks[2] : chunks[3]]), True, "statistics do not fit"),
-}  # fmt: skip
+    "length of an attachment's data": (
+        lambda data, *_: put(data.index(b"some text") - 8, b"\xff" * 8)(data, [], 0),
+        True,
+        NO_RECORDS,
+    ),
+    "a chunk twice": (
+        inserted(lambda content, chunks: content[chunks[2] : chunks[3]]),
+        True,
+        "statistics do not fit",
+    ),
+}
 """For each damage, whether all messages can be got back, and what is said"""
 
 
 def read_by_mcap(path: Path, kind: Callable[[Any], McapReader]) -> Iterator[Row]:
     with path.open("rb") as file:
-        for _, channel, message in kind(file, validate_crcs=True).iter_messages(log_time_order=False):
+        for _, channel, message in kind(file, validate_crcs=True).iter_messages(
+            log_time_order=False
+        ):
             yield channel.topic, message.log_time, message.data
 
 
@@ -294,11 +366,17 @@ def test_whatever_is_damaged_as_much_comes_back_as_by_any_other_reader(
     path, written = tmp_path / "in.mcap", set(messages())
     mcap(path, compression)
     content, (damage, whole, words) = bytearray(path.read_bytes()), DAMAGES[name]
-    damage(content, [offset for offset, _ in chunks(path)], int.from_bytes(content[-28:-20], "little"))
+    damage(
+        content, [offset for offset, _ in chunks(path)], int.from_bytes(content[-28:-20], "little")
+    )
     path.write_bytes(content)
     recovery = recover(path, tmp_path / "o" / "out.mcap")
     found = {tuple(message) for message in raw_inputs(tmp_path / "o" / "out.mcap")}
-    ways = (read_by_mcap(path, NonSeekingReader), read_by_mcap(path, make_reader), read_by_rosbags(path))
+    ways = (
+        read_by_mcap(path, NonSeekingReader),
+        read_by_mcap(path, make_reader),
+        read_by_rosbags(path),
+    )
     for theirs in map(as_far_as_it_goes, ways):
         assert found >= theirs & written
     assert found == written if whole else found < written

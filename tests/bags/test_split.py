@@ -38,13 +38,18 @@ def record(path: Path, numbers: range, limits: Limits, compressed: bool = True) 
 
 def information(folder: Path) -> Any:
     """What `metadata.yaml` says."""
-    return YAML(typ="safe").load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    return YAML(typ="safe").load((folder / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
 
 
 def stamps_of(path: Path) -> list[int]:
     """The stamps [ms] of all messages of a file."""
     with path.open("rb") as file:
-        return [message.log_time // MS for _, _, message in make_reader(file, validate_crcs=True).iter_messages()]
+        return [
+            message.log_time // MS
+            for _, _, message in make_reader(file, validate_crcs=True).iter_messages()
+        ]
 
 
 def names(folder: Path) -> list[str]:
@@ -58,7 +63,9 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
     files = [first, "knee_1.mcap", "knee_2.mcap"]
     assert names(tmp_path) == sorted([*files, "metadata.yaml"])
     spans = [range(100), range(100, 200), range(200, 250)]
-    assert [stamps_of(tmp_path / name) for name in files] == [[n for n in span for _ in range(TICK)] for span in spans]
+    assert [stamps_of(tmp_path / name) for name in files] == [
+        [n for n in span for _ in range(TICK)] for span in spans
+    ]
     found = information(tmp_path)
     assert found["version"] == 9
     assert found["relative_file_paths"] == files
@@ -73,7 +80,10 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
         }
         for name, span in zip(files, spans, strict=True)
     ]
-    assert {topic["message_count"] for topic in found["topics_with_message_count"]} == {0, 250}  # no leg
+    assert {topic["message_count"] for topic in found["topics_with_message_count"]} == {
+        0,
+        250,
+    }  # no leg
 
 
 def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
@@ -82,7 +92,9 @@ def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
     assert len(files) > 3
     assert [n for name in files for n in stamps_of(tmp_path / name)[::TICK]] == list(range(3000))
     for name in files[:-1]:
-        assert 200_000 <= (tmp_path / name).stat().st_size < 350_000  # a chunk and what ends a file come on top
+        assert (
+            200_000 <= (tmp_path / name).stat().st_size < 350_000
+        )  # a chunk and what ends a file come on top
         assert len(stamps_of(tmp_path / name)) % TICK == 0
 
 
@@ -97,7 +109,9 @@ def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
         setrlimit(RLIMIT_NOFILE, before)
 
 
-def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
     goes_on, complete = threading.Event(), BagFile.complete
 
     def slow(file: BagFile) -> None:

@@ -59,13 +59,26 @@ def test_messages_in_a_log_beside_are_not_forgotten(database: Path) -> None:
 @pytest.mark.parametrize(
     ("statement", "missing", "fault"),
     [
-        ("UPDATE messages SET topic_id = 7 WHERE id = 5", 1, "1 messages are of topics that nothing declares"),
-        ("INSERT INTO messages (topic_id, timestamp, data) VALUES (1, 5, 'text'), (1, 'noon', x'00')", 0,
-         "2 rows are no messages"),
+        (
+            "UPDATE messages SET topic_id = 7 WHERE id = 5",
+            1,
+            "1 messages are of topics that nothing declares",
+        ),
+        (
+            "INSERT INTO messages (topic_id, timestamp, data) VALUES (1, 5, 'text'), (1, 'noon', x'00')",
+            0,
+            "2 rows are no messages",
+        ),
     ],
-)  # fmt: skip
-def test_rows_that_give_no_message_are_counted(database: Path, statement: str, missing: int, fault: str) -> None:
+)
+def test_rows_that_give_no_message_are_counted(
+    database: Path, statement: str, missing: int, fault: str
+) -> None:
     with closing(sqlite3.connect(database)) as connection, connection:
         connection.execute(statement)
     found, faults = read(database)
-    assert (len(found), set(found) <= set(WRITTEN), faults) == (len(WRITTEN) - missing, True, [fault])
+    assert (len(found), set(found) <= set(WRITTEN), faults) == (
+        len(WRITTEN) - missing,
+        True,
+        [fault],
+    )

@@ -23,7 +23,13 @@ from knee_contact_ros.bags.recorder import (
     offered_qos,
 )
 from knee_contact_ros.streams.messages import encode_answer
-from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES, definition, typestore
+from knee_contact_ros.streams.topics import (
+    KNEE_CONTACT,
+    KNEE_CONTACT_WRENCH,
+    MESSAGE_TYPES,
+    definition,
+    typestore,
+)
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import contact
 
@@ -34,7 +40,9 @@ Said = list[tuple[str, int, int]] | str
 """Topic, log time [ns] and length of the data [B] of some messages, or `flush` or `note`"""
 said = st.lists(
     st.tuples(
-        st.sampled_from(list(NAMES)), st.integers(0, 2**64 - 1), st.sampled_from([0, 1, 40, 30_000, FULL, FULL + 1])
+        st.sampled_from(list(NAMES)),
+        st.integers(0, 2**64 - 1),
+        st.sampled_from([0, 1, 40, 30_000, FULL, FULL + 1]),
     ),
     max_size=12,
 )
@@ -44,12 +52,17 @@ def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool
     """The same by the `mcap` library's writer; the last metadata are those of our file."""
     with path.open("wb") as file, like.open("rb") as ours:
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
-        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        writer = Writer(
+            file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True
+        )
         writer.start("ros2", LIBRARY)
         channels, numbers = {}, Counter[str]()
         for topic, name in NAMES.items():
             kind = MESSAGE_TYPES[topic]
-            metadata = {"offered_qos_profiles": offered_qos(kind), "topic_type_hash": typestore().hash_rihs01(kind)}
+            metadata = {
+                "offered_qos_profiles": offered_qos(kind),
+                "topic_type_hash": typestore().hash_rihs01(kind),
+            }
             schema = writer.register_schema(kind, "ros2msg", definition(kind))
             channels[topic] = writer.register_channel(name, "cdr", schema, metadata)
         for part in parts:
@@ -59,7 +72,9 @@ def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool
                 writer.add_metadata(part, {"reason": "ü", "": ""})
             else:
                 for topic, stamp, length in part:
-                    writer.add_message(channels[topic], stamp, bytes(length), stamp, numbers[topic])
+                    writer.add_message(
+                        channels[topic], stamp, bytes(length), stamp, numbers[topic]
+                    )
                     numbers[topic] += 1
         *_, last = make_reader(ours).iter_metadata()
         writer.add_metadata(last.name, last.metadata)
@@ -67,7 +82,9 @@ def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool
 
 
 @settings(max_examples=40, deadline=None)
-@given(parts=st.lists(said | st.sampled_from(["flush", "note"]), max_size=6), compressed=st.booleans())
+@given(
+    parts=st.lists(said | st.sampled_from(["flush", "note"]), max_size=6), compressed=st.booleans()
+)
 def test_a_file_has_the_bytes_of_the_librarys_writer(
     tmp_path_factory: pytest.TempPathFactory, parts: list[Said], compressed: bool
 ) -> None:
@@ -82,7 +99,9 @@ def test_a_file_has_the_bytes_of_the_librarys_writer(
             elif isinstance(part, str):
                 bag.add_metadata(part, {"reason": "ü", "": ""})
             else:
-                bag.file.write_all([(topic, stamp, bytes(length)) for topic, stamp, length in part], NAMES)
+                bag.file.write_all(
+                    [(topic, stamp, bytes(length)) for topic, stamp, length in part], NAMES
+                )
     write_by_library(folder / "library.mcap", folder / "out.mcap", parts, compressed)
     assert (folder / "library.mcap").read_bytes() == (folder / "out.mcap").read_bytes()
 
@@ -97,7 +116,10 @@ def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
     built = Path(sys.prefix) / "share" / package / "msg" / f"{message}.json"
     if not built.exists():
         pytest.skip(f"{package} is not installed in this environment")
-    hashes = {entry["type_name"]: entry["hash_string"] for entry in json.loads(built.read_text())["type_hashes"]}
+    hashes = {
+        entry["type_name"]: entry["hash_string"]
+        for entry in json.loads(built.read_text())["type_hashes"]
+    }
     assert typestore().hash_rihs01(name) == hashes[name]
 
 
@@ -105,7 +127,10 @@ def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
     ("taken", "words"),
     [
         ("out.mcap", r"out\.mcap exists already"),
-        ("out.mcap.partial", r"was cut off: `knee-contact recover \S*out.mcap.partial OUT.mcap` makes it whole"),
+        (
+            "out.mcap.partial",
+            r"was cut off: `knee-contact recover \S*out.mcap.partial OUT.mcap` makes it whole",
+        ),
     ],
 )
 def test_what_has_a_recordings_name_is_left_alone(tmp_path: Path, taken: str, words: str) -> None:
@@ -124,7 +149,15 @@ def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_pat
     assert path.read_text() == "another's"
     assert bag.path == tmp_path / "rec_1.mcap"
     assert len(read_bag(bag.path, {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
-    assert bag.remarks == [f"something took the name {path} meanwhile: the recording is {bag.path}"]
-    information = YAML(typ="safe").load((tmp_path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert bag.remarks == [
+        f"something took the name {path} meanwhile: the recording is {bag.path}"
+    ]
+    information = YAML(typ="safe").load((tmp_path / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
     assert information["relative_file_paths"] == ["rec_1.mcap"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "rec.mcap", "rec_1.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "metadata.yaml",
+        "rec.mcap",
+        "rec_1.mcap",
+    ]

@@ -13,7 +13,8 @@ from benchmarks.peers.problems import Problem
 
 def solvers() -> list[Solver]:
     return [
-        Solver(run.__name__, "faulty", "", tolerances(4, 6, 8), None, run) for run in (raises, ends, hangs, answers)
+        Solver(run.__name__, "faulty", "", tolerances(4, 6, 8), None, run)
+        for run in (raises, ends, hangs, answers)
     ]
 
 

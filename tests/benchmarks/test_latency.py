@@ -35,7 +35,10 @@ def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
     forces = [WRENCH.decode(each.force)[0] for each in found]
     stamps = [7 + number * MS for number in range(9000)]
     assert (
-        stamps == [each.stamp for each in found] == [each.stamp for each in states] == [each.stamp for each in forces]
+        stamps
+        == [each.stamp for each in found]
+        == [each.stamp for each in states]
+        == [each.stamp for each in forces]
     )
     loads = np.array([-0.5 * force.force[1] for force in forces])
     assert loads.max() == pytest.approx(1613.77, abs=0.01)  # the bag's largest
@@ -64,7 +67,12 @@ def attempts(limit: float) -> list[study.Step]:
 
 @pytest.mark.parametrize(
     ("up_to", "rate", "limit"),
-    [(1000.0, 976.56, study.NODE), (1050.0, 1032.6, study.NODE), (100.0, 0.0, study.NODE), (math.inf, 84703.3, "-")],
+    [
+        (1000.0, 976.56, study.NODE),
+        (1050.0, 1032.6, study.NODE),
+        (100.0, 0.0, study.NODE),
+        (math.inf, 84703.3, "-"),
+    ],
 )
 def test_the_highest_rate_and_what_limits_it(up_to: float, rate: float, limit: str) -> None:
     assert study.highest(attempts(up_to), driver.OURS, 1) == (pytest.approx(rate, abs=0.1), limit)
@@ -77,8 +85,12 @@ def test_pages_and_their_data_are_written(tmp_path: Path) -> None:
         for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
     ]
     pages = study.sustained_page(steps), study.soak_page(2000.0, moments, (9, 9, 0))
-    for page, words in zip(pages, ("| this node | 977 |", "| its largest growth since then [MB] | 3.5 |"), strict=True):
-        text, data = (path.read_text(encoding="utf-8") for path in study.write(page, tmp_path, "made so"))
+    for page, words in zip(
+        pages, ("| this node | 977 |", "| its largest growth since then [MB] | 3.5 |"), strict=True
+    ):
+        text, data = (
+            path.read_text(encoding="utf-8") for path in study.write(page, tmp_path, "made so")
+        )
         assert "Made by `made so`" in text
         assert words in " ".join(text.split())
         assert len(data.splitlines()) == 1 + len(page.rows)
@@ -87,7 +99,9 @@ def test_pages_and_their_data_are_written(tmp_path: Path) -> None:
 def test_a_short_run(tmp_path: Path) -> None:
     options = ["--rounds", "1", "--duration", "1", "--rate", "200", "--output", str(tmp_path)]
     command = [sys.executable, "-c", SHORT, *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=400, check=False, cwd=ROOT)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=400, check=False, cwd=ROOT
+    )
     assert done.returncode == 0, done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["latency.csv", "latency.md"]
     with (tmp_path / "latency.csv").open(encoding="utf-8", newline="") as file:

@@ -27,7 +27,9 @@ def short(name: str, first: float, last: float) -> Problem:
     """A part of a problem [s]."""
     problem = PROBLEMS[name]
     part = (problem.time >= first - 1e-9) & (problem.time <= last + 1e-9)
-    return problem._replace(time=problem.time[part] - problem.time[part][0], load=problem.load[part])
+    return problem._replace(
+        time=problem.time[part] - problem.time[part][0], load=problem.load[part]
+    )
 
 
 PARTS = [short("gait", 0.2, 0.25), short("lift-off", 0.38, 0.5), short("osteoarthritis", 0.0, 0.1)]
@@ -45,7 +47,9 @@ def workers() -> Iterator[dict[str, measure.Worker]]:
 
 @pytest.mark.parametrize("entry", ENTRIES.values(), ids=ENTRIES)
 @pytest.mark.parametrize("mode", measure.MODES)
-def test_the_reference_is_met(workers: dict[str, measure.Worker], entry: measure.Entry, mode: str) -> None:
+def test_the_reference_is_met(
+    workers: dict[str, measure.Worker], entry: measure.Entry, mode: str
+) -> None:
     solver = entry.solver
     if solver.run_in(mode) is None:
         return
@@ -70,16 +74,24 @@ def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) 
     assert [each.error > 0.0 for each in rows if each.solver == "answers"] == 3 * [True]
 
 
-def test_the_command_writes_its_three_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_writes_its_three_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(command, "find_problems", lambda _names: [PARTS[0]])
     arguments = ["--output", str(tmp_path), "--problem", "gait", "--solver", "knee-contact"]
-    result = CliRunner().invoke(command.main, [*arguments, "--solver", "scipy dop853", "--repeat", "1"])
+    result = CliRunner().invoke(
+        command.main, [*arguments, "--solver", "scipy dop853", "--repeat", "1"]
+    )
     assert result.exit_code == 0, result.output
     text = (tmp_path / "trade.md").read_text(encoding="utf-8")
     assert all(word in text for word in ("SciPy DOP853", "knee-contact dynamic", "## Solvers"))
     with (tmp_path / "trade.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {each["mode"] for each in rows} == {measure.WHOLE, measure.LOOP, measure.STREAM}
-    fine = [each for each in rows if each["solver"] == "knee-contact dynamic" and each["setting"] == "1e-8"]
+    fine = [
+        each
+        for each in rows
+        if each["solver"] == "knee-contact dynamic" and each["setting"] == "1e-8"
+    ]
     assert all(float(each["error"]) < 1e-8 for each in fine)
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")

@@ -25,7 +25,9 @@ def drawn(bag: Path, source: Any, folder: Path) -> str:
     """Title of the picture `knee.png` of a bag, which is computed first."""
     parameters = load_parameters(source)
     solve(bag, parameters, folder / "knee.mcap", silent)
-    return draw_peak(folder / "knee.mcap", build_model(parameters), parameters, folder / "knee.png")
+    return draw_peak(
+        folder / "knee.mcap", build_model(parameters), parameters, folder / "knee.png"
+    )
 
 
 @pytest.mark.parametrize(
@@ -33,7 +35,9 @@ def drawn(bag: Path, source: Any, folder: Path) -> str:
     [["healthy"], ["healthy", "osteoarthritis", "mri_femur"], ["healthy", "mri_knee"]],
     ids=lambda files: files[-1],
 )
-def test_the_picture_is_of_the_largest_load(files: list[str], right_bag: Path, tmp_path: Path) -> None:
+def test_the_picture_is_of_the_largest_load(
+    files: list[str], right_bag: Path, tmp_path: Path
+) -> None:
     from PIL import Image
 
     told = drawn(right_bag, files, tmp_path)
@@ -44,13 +48,21 @@ def test_the_picture_is_of_the_largest_load(files: list[str], right_bag: Path, t
         assert min(image.size) > 700
         pixels = np.asarray(image.convert("RGB")).astype(int)
     surface = [int(picture.SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
-    assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800  # cartilage is seen, also half a millimetre of it
+    assert (np.abs(pixels - surface) < 6).all(
+        axis=2
+    ).sum() > 800  # cartilage is seen, also half a millimetre of it
 
 
 @pytest.mark.parametrize(
     ("begin", "step", "parameters", "heights", "words"),
     [  # where the height drives, of the largest force; a stamp of today from the first one on
-        (0, 0.0, {"drive": "displacement"}, 0.0335 - 1e-5 * np.arange(20.0), "largest contact force, at 0.095 s"),
+        (
+            0,
+            0.0,
+            {"drive": "displacement"},
+            0.0335 - 1e-5 * np.arange(20.0),
+            "largest contact force, at 0.095 s",
+        ),
         (1_764_027_108_530_000_000, 1.0, {}, None, "largest load, at +0.095 s"),
     ],
 )
@@ -58,10 +70,14 @@ def test_it_says_what_is_largest_and_when(
     tmp_path: Path, begin: int, step: float, parameters: dict[str, str], heights: Any, words: str
 ) -> None:
     rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
-    assert drawn(make_bag(tmp_path / "in.mcap", rows, heights=heights), parameters, tmp_path) == words
+    assert (
+        drawn(make_bag(tmp_path / "in.mcap", rows, heights=heights), parameters, tmp_path) == words
+    )
 
 
-def test_an_answer_without_a_number_is_not_the_largest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_without_a_number_is_not_the_largest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bag = make_bag(tmp_path / "in.mcap", [(i * 5_000_000, 0.1, 800.0 + i) for i in range(20)])
 
     def holed(recording: Path) -> np.ndarray:
@@ -74,4 +90,6 @@ def test_an_answer_without_a_number_is_not_the_largest(tmp_path: Path, monkeypat
 
 
 def test_of_both_compartments_the_picture_says_which(right_bag: Path, tmp_path: Path) -> None:
-    assert drawn(right_bag, "both_compartments", tmp_path).startswith("medial compartment, largest load, at ")
+    assert drawn(right_bag, "both_compartments", tmp_path).startswith(
+        "medial compartment, largest load, at "
+    )

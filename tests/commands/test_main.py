@@ -53,8 +53,12 @@ def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) ->
     )
     done = subprocess.run(
         [sys.executable, "-m", "knee_contact_ros.commands.main"],
-        env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == INTERRUPTED
     assert done.stderr.strip() == "knee-contact: interrupted"
 
@@ -67,30 +71,47 @@ def refused(arguments: list[str], path: str, **environment: str) -> str:
     """What a command writes that is refused, in an environment with this path of Python."""
     done = subprocess.run(
         [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments],
-        env=os.environ | {"PYTHONPATH": path} | environment, cwd=share_folder() / "bags",
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONPATH": path} | environment,
+        cwd=share_folder() / "bags",
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 2
     return done.stderr
 
 
 @pytest.mark.parametrize("arguments", STARTS)
-def test_another_ros_on_the_path_is_named_with_the_cure(arguments: list[str], tmp_path: Path) -> None:
+def test_another_ros_on_the_path_is_named_with_the_cure(
+    arguments: list[str], tmp_path: Path
+) -> None:
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy" / "__init__.py").write_text("from rclpy._rclpy_pybind11 import rclpy\n")
     told = refused(arguments, f"{tmp_path}:{ROOT}")
-    assert told.startswith("knee-contact: ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is ")
+    assert told.startswith(
+        "knee-contact: ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is "
+    )
     assert "by PYTHONPATH" in told
     assert "env -u PYTHONPATH" in told
 
 
 @pytest.mark.parametrize("arguments", STARTS)
-def test_a_middleware_that_is_not_there_is_named_with_the_cure(arguments: list[str], tmp_path: Path) -> None:
+def test_a_middleware_that_is_not_there_is_named_with_the_cure(
+    arguments: list[str], tmp_path: Path
+) -> None:
     """The demo goes on without it, and here with a ROS that cannot be loaded, to the same end."""
     (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
     told = refused(arguments, f"{tmp_path}:{ROOT}", RMW_IMPLEMENTATION="rmw_none_cpp")
-    assert "RMW_IMPLEMENTATION asks for rmw_none_cpp, which is not installed here" in told.splitlines()[0]
-    assert ("the demo runs without it" in told) == (arguments[0] == "demo") == ("ROS cannot be loaded" in told)
+    assert (
+        "RMW_IMPLEMENTATION asks for rmw_none_cpp, which is not installed here"
+        in told.splitlines()[0]
+    )
+    assert (
+        ("the demo runs without it" in told)
+        == (arguments[0] == "demo")
+        == ("ROS cannot be loaded" in told)
+    )
 
 
 @pytest.mark.parametrize(
@@ -101,7 +122,10 @@ def test_a_middleware_that_is_not_there_is_named_with_the_cure(arguments: list[s
             {"ROS_SECURITY_STRATEGY": "Enforce"},
             "warning: nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS",
         ),
-        ({"ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_ENABLE": "true"}, "ROS_SECURITY_KEYSTORE: '' is no folder"),
+        (
+            {"ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_ENABLE": "true"},
+            "ROS_SECURITY_KEYSTORE: '' is no folder",
+        ),
     ],
 )
 def test_an_environment_that_ros_does_not_explain_is_told(
@@ -109,15 +133,22 @@ def test_an_environment_that_ros_does_not_explain_is_told(
 ) -> None:
     """The warning is followed by a ROS that cannot be loaded."""
     (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
-    assert refused(["node"], f"{tmp_path}:{ROOT}", **environment).startswith(f"knee-contact: {words}")
+    assert refused(["node"], f"{tmp_path}:{ROOT}", **environment).startswith(
+        f"knee-contact: {words}"
+    )
 
 
-def test_the_bare_command_shows_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_bare_command_shows_every_command_in_its_group(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main([]) == 0
     shown = capsys.readouterr().out
     assert [line for line in shown.splitlines() if line.endswith(":") and line != "Options:"] == [
-        "See it:", "Compute:", "Bring your own data:", "Study:",
-    ]  # fmt: skip
+        "See it:",
+        "Compute:",
+        "Bring your own data:",
+        "Study:",
+    ]
     assert all(f"\n  {name} " in shown for name in knee_contact.commands)
 
 
@@ -125,10 +156,27 @@ def test_help_loads_nothing_heavy() -> None:
     """It would take a second."""
     heavy = "{'numpy', 'pydantic', 'rich', 'rclpy', 'subprocess', 'multiprocessing'}"
     code = f"import sys, knee_contact_ros.commands.main; print({heavy} & {{*sys.modules}})"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "set()\n"
+    )
 
 
-FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "--flexion", "a", "--body-weight", "700"]
+FIT_SHARE = [
+    "fit-share",
+    "--trial",
+    "a.csv",
+    "--axial",
+    "a",
+    "--medial",
+    "a",
+    "--flexion",
+    "a",
+    "--body-weight",
+    "700",
+]
 
 
 MISSING = "there is no folder typo; make it first\n"
@@ -141,17 +189,42 @@ REFUSED: list[tuple[list[str], str]] = [
     (["demo", "--output", "typo/demo"], MISSING),
     (["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"], MISSING),
     ([*FIT_SHARE, "--output", "typo/share.csv"], MISSING),
-    (["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"], MISSING),
+    (
+        ["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"],
+        MISSING,
+    ),
     (["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"], MISSING),
     (["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"], MISSING),
-    (["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"], MISSING),
+    (
+        [
+            "import-opensim",
+            "--side",
+            "right",
+            "--kinematics",
+            "q",
+            "--reactions",
+            "r",
+            "--output",
+            "typo/bag",
+        ],
+        MISSING,
+    ),
     (["trade", "{bag}", "--picture", "typo/trade.png"], MISSING),
-    (["solve", "{bag}", "--output", "out.csv"], "--output out.csv: its name must end with .mcap\n"),
-    (["estimate-load", "{bag}", "--output", "out.db3"], "--output out.db3: its name must end with .mcap\n"),
+    (
+        ["solve", "{bag}", "--output", "out.csv"],
+        "--output out.csv: its name must end with .mcap\n",
+    ),
+    (
+        ["estimate-load", "{bag}", "--output", "out.db3"],
+        "--output out.db3: its name must end with .mcap\n",
+    ),
     (["recover", "{file}", "out"], "output out: its name must end with .mcap\n"),
     (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd\n"),
     (["trade", "{bag}", "--picture", "x.pdf"], "--picture x.pdf: its name must end with .png\n"),
-    (["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"], "--output x.yaml: its name must end with .csv\n"),
+    (
+        ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
+        "--output x.yaml: its name must end with .csv\n",
+    ),
     ([*FIT_SHARE, "--output", "x.yaml"], "--output x.yaml: its name must end with .csv\n"),
     (["demo", "--bag", "nowhere"], "no bag at nowhere"),
     (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
@@ -160,13 +233,19 @@ REFUSED: list[tuple[list[str], str]] = [
         ["fit-profile", "{file}", "--slice", "0", "--output", "x.csv", "--slab", "nan"],
         "Invalid value for '--slab': nan is not a finite number",
     ),
-    (["trade", "{bag}", "--worth", "inf"], "Invalid value for '--worth': inf is not a finite number"),
+    (
+        ["trade", "{bag}", "--worth", "inf"],
+        "Invalid value for '--worth': inf is not a finite number",
+    ),
     (
         [*FIT_SHARE, "--output", "x.csv", "--body-weight", "nan"],
         "Invalid value for '--body-weight': nan is not a finite number",
     ),
     (["demo", "--from-sensors", "--bag", "{bag}"], "has no topic /ground_reaction_force"),
-    (["demo", "--from-sensors", "--params", "load/gait2354"], "no parameters for node knee_contact"),
+    (
+        ["demo", "--from-sensors", "--params", "load/gait2354"],
+        "no parameters for node knee_contact",
+    ),
     (["demo", "--load-params", "load/insole"], "--load-params is for --from-sensors"),
     (["replay", "nowhere"], "no bag at nowhere"),
     (["solve", "nowhere", "--output", "x.mcap"], "no bag at nowhere"),
@@ -178,9 +257,13 @@ REFUSED: list[tuple[list[str], str]] = [
 
 @pytest.mark.parametrize(("arguments", "says"), REFUSED)
 def test_bad_input_is_told_in_one_line_and_nothing_is_written(
-    arguments: list[str], says: str, right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    says: str,
+    right_bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     file = right_bag / "gait2354_right_0.mcap"
     assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
@@ -233,14 +316,20 @@ def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]
     first, where = capsys.readouterr().out.splitlines()
     assert first in ("compiled", "was there already")
     assert where == f"kept in {compiler.kept_files()[0].parent}"
-    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
+    )
     assert done.stderr == ""
-    assert main(["warm", "--params", "mri_knee", "-p", "contact.law:=flores"]) == 0  # it is for every kind of knee
+    assert (
+        main(["warm", "--params", "mri_knee", "-p", "contact.law:=flores"]) == 0
+    )  # it is for every kind of knee
     assert capsys.readouterr().out.splitlines()[0] == "was there already"
     assert main(["warm", "--params", "nowhere"]) == 2
 
 
-def test_what_cannot_be_kept_is_no_success(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_kept_is_no_success(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(compiler, "kept_files", list)
     assert main(["warm"]) == 1
     assert "could not be compiled and kept in " in capsys.readouterr().err

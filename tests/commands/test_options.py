@@ -45,15 +45,34 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
     left = write_rosbag2(tmp_path / "left", gait, name=lambda topic: f"/left{topic}")
     damping = ["-p", "contact.damping:=900"]
     assert main(["solve", str(plain), *damping, "--output", str(tmp_path / "a.mcap")]) == 0
-    assert main(["solve", str(left), "--namespace", "left", *damping, "--output", str(tmp_path / "b.mcap")]) == 0
-    remaps = [f"--remap={topic}:=/left/{topic}" for topic in ("joint_states", "joint_reaction_force")]
+    assert (
+        main(
+            [
+                "solve",
+                str(left),
+                "--namespace",
+                "left",
+                *damping,
+                "--output",
+                str(tmp_path / "b.mcap"),
+            ]
+        )
+        == 0
+    )
+    remaps = [
+        f"--remap={topic}:=/left/{topic}" for topic in ("joint_states", "joint_reaction_force")
+    ]
     assert main(["solve", str(left), *remaps, "--output", str(tmp_path / "c.mcap")]) == 0
     assert recorded(tmp_path / "a.mcap") == recorded(tmp_path / "b.mcap")
     assert recorded(tmp_path / "a.mcap") != recorded(tmp_path / "c.mcap")  # the damping
     each = [
-        write_rosbag2(tmp_path / topic[1:], [m for m in gait if m.topic == topic]) for topic in {m.topic for m in gait}
+        write_rosbag2(tmp_path / topic[1:], [m for m in gait if m.topic == topic])
+        for topic in {m.topic for m in gait}
     ]
-    each += [write_rosbag2(tmp_path / "late", gait[50:]), write_rosbag2(tmp_path / "early", gait[:50])]
+    each += [
+        write_rosbag2(tmp_path / "late", gait[50:]),
+        write_rosbag2(tmp_path / "early", gait[:50]),
+    ]
     for number in (0, 2):  # a recorder a topic, and bags that follow each other, in either order
         bags = [*map(str, each[number : number + 2])]
         assert main(["solve", *bags, *damping, "--output", str(tmp_path / f"{number}.mcap")]) == 0
@@ -79,26 +98,39 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
         (["bag", "--clock=2.5"], 2.5, "bag"),
     ],
 )
-def test_the_clocks_rate_may_be_left_out(arguments: list[str], clock: float | None, bag: str) -> None:
+def test_the_clocks_rate_may_be_left_out(
+    arguments: list[str], clock: float | None, bag: str
+) -> None:
     taken = replay.make_context("replay", arguments).params
     assert (taken["clock"], taken["bag"]) == (clock, Path(bag))
 
 
 COMMANDS = {
-    "solve": ["solve", "{}", "--output", "o.mcap"], "solve --params": ["solve", "--params", "{}", "--output", "o.mcap"],
-    "solve --subject": ["solve", "--subject", "{}", "--output", "o.mcap"], "view": ["view", "{}", "--save", "o.rrd"],
-    "estimate-load": ["estimate-load", "{}", "--output", "o.mcap"], "recover": ["recover", "{}", "o.mcap"],
-    "replay": ["replay", "{}"], "demo": ["demo", "--bag", "{}"], "report": ["report", "{}", "--output", "o"],
-    "report --compare": ["report", "--compare", "{}", "--output", "o"], "sweep": ["sweep", "{}", "--output", "o"],
-    "trade": ["trade", "{}", "--output", "o"], "fit-profile": ["fit-profile", "{}", "--output", "o.csv"],
+    "solve": ["solve", "{}", "--output", "o.mcap"],
+    "solve --params": ["solve", "--params", "{}", "--output", "o.mcap"],
+    "solve --subject": ["solve", "--subject", "{}", "--output", "o.mcap"],
+    "view": ["view", "{}", "--save", "o.rrd"],
+    "estimate-load": ["estimate-load", "{}", "--output", "o.mcap"],
+    "recover": ["recover", "{}", "o.mcap"],
+    "replay": ["replay", "{}"],
+    "demo": ["demo", "--bag", "{}"],
+    "report": ["report", "{}", "--output", "o"],
+    "report --compare": ["report", "--compare", "{}", "--output", "o"],
+    "sweep": ["sweep", "{}", "--output", "o"],
+    "trade": ["trade", "{}", "--output", "o"],
+    "fit-profile": ["fit-profile", "{}", "--output", "o.csv"],
     "calibrate": ["calibrate", "{}", "--output", "o.yaml"],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("kind", ["loop", "pipe", "device", "folder"])
 def test_what_is_no_file_is_refused_in_one_line_and_not_waited_for(
-    name: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str,
+    kind: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("loop").symlink_to("loop")
@@ -126,13 +158,17 @@ def estimated(walking: Path) -> Path:
     return output
 
 
-@pytest.mark.parametrize("arguments", [
-    "align a.csv --map own.yaml --output own.yaml --overwrite",
-    "calibrate a.csv --params own.yaml --free load.share --output own.yaml --overwrite",
-    "fit-share --trial a.csv,own.csv --axial a --medial a --flexion a --body-weight 700 --output own.csv --overwrite",
-    "table own.csv --output own.csv",
-    "trade own.png --picture own.png",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "align a.csv --map own.yaml --output own.yaml --overwrite",
+        "calibrate a.csv --params own.yaml --free load.share --output own.yaml --overwrite",
+        "fit-share --trial a.csv,own.csv --axial a --medial a --flexion a "
+        "--body-weight 700 --output own.csv --overwrite",
+        "table own.csv --output own.csv",
+        "trade own.png --picture own.png",
+    ],
+)
 def test_an_input_is_never_replaced(
     arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
 ) -> None:
@@ -150,23 +186,45 @@ def test_help_needs_no_ros_and_says_which_topics(asks: list[str]) -> None:
         "import sys; sys.modules['rclpy'] = None; from knee_contact_ros.commands.main import main; "
         f"sys.exit(main({asks}))"
     )
-    done = subprocess.run([sys.executable, "-c", code, *asks], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *asks],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(f"Usage: knee-contact {asks[0]} ")
     assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", done.stdout)
 
 
-def test_the_table_says_the_level_the_parts_and_how_sure_it_is(walking: Path, tmp_path: Path, capsys: Said) -> None:
+def test_the_table_says_the_level_the_parts_and_how_sure_it_is(
+    walking: Path, tmp_path: Path, capsys: Said
+) -> None:
     output = tmp_path / "out.mcap"
-    arguments = ["estimate-load", str(walking), "--params", "load/inverse_dynamics", "-p", "person.mass:=80"]
+    arguments = [
+        "estimate-load",
+        str(walking),
+        "--params",
+        "load/inverse_dynamics",
+        "-p",
+        "person.mass:=80",
+    ]
     assert main([*arguments, "--output", str(output)]) == 0
     said = capsys.readouterr()
     rows = dict(re.findall(r"^ ?((?:  )?[a-z][a-z ]*?)  +(\S.*?) *$", said.out, re.MULTILINE))
     forces = {
-        name: float(value.split()[0]) for name, value in rows.items() if re.match(r"-?\d+\.\d +-?\d+\.\d\d$", value)
+        name: float(value.split()[0])
+        for name, value in rows.items()
+        if re.match(r"-?\d+\.\d +-?\d+\.\d\d$", value)
     }
-    parts = [forces[f"  {name}"] for name in ("without muscles", "quadriceps", "hamstrings", "gastrocnemius")]
-    assert sum(parts) == pytest.approx(forces["largest joint reaction"], abs=0.25)  # five numbers of one decimal
+    parts = [
+        forces[f"  {name}"]
+        for name in ("without muscles", "quadriceps", "hamstrings", "gastrocnemius")
+    ]
+    assert sum(parts) == pytest.approx(
+        forces["largest joint reaction"], abs=0.25
+    )  # five numbers of one decimal
     floor, part = LEVELS["ankle_moment"].uncalibrated
     deviation = math.hypot(floor * 80.0 * GRAVITY, part * forces["largest joint reaction"])
     assert forces["standard deviation"] == pytest.approx(deviation, abs=0.1)  # one decimal
@@ -196,7 +254,9 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
     with BagWriter(bag) as writer:
         for topic in LOAD_INPUTS:
             writer.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
-        writer.add_metadata(LOAD_PROVENANCE, provenance_record(load_parameters(WHOLE_LEG, LoadParameters)))
+        writer.add_metadata(
+            LOAD_PROVENANCE, provenance_record(load_parameters(WHOLE_LEG, LoadParameters))
+        )
         writer.add_metadata("parameters_changed", change_record(10, {"person.tone": 0.5}))
         writer.add_metadata("parameters_changed", change_record(20, {"diagnostics.timeout": 2.0}))
         for message in walk():
@@ -208,15 +268,27 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
 
 
 MISTAKEN = [
-    ("solve -p knee.joint_name:=hip", r"has no joint 'hip'; it has knee \(parameter knee\.joint_name\)"),
+    (
+        "solve -p knee.joint_name:=hip",
+        r"has no joint 'hip'; it has knee \(parameter knee\.joint_name\)",
+    ),
     ("solve -p load.share=1", "-p 'load.share=1': it must be NAME:=VALUE"),
     ("solve --namespace left", "has no topic /left/joint_states"),
     ("solve --remap angles:=/exo", "FROM must be joint_states or joint_reaction_force"),
-    ("estimate-load --params healthy", r"healthy\.yaml: no parameters for node knee_load; found /\*\*/knee_contact"),
+    (
+        "estimate-load --params healthy",
+        r"healthy\.yaml: no parameters for node knee_load; found /\*\*/knee_contact",
+    ),
     ("estimate-load --params inverse_dynamic", r"did you mean load/inverse_dynamics\?"),
-    ("estimate-load -p knee.joint_nam:=x", r"unknown parameter knee\.joint_nam; did you mean knee\.joint_name\?"),
+    (
+        "estimate-load -p knee.joint_nam:=x",
+        r"unknown parameter knee\.joint_nam; did you mean knee\.joint_name\?",
+    ),
     ("estimate-load -p level:=5", "parameter level: 5 is not allowed"),
-    ("estimate-load --remap joint_reaction_force:=/x", "FROM must be joint_states or ground_reaction_force"),
+    (
+        "estimate-load --remap joint_reaction_force:=/x",
+        "FROM must be joint_states or ground_reaction_force",
+    ),
 ]
 
 

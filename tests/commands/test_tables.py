@@ -59,16 +59,29 @@ def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     "more",
     [
         [],
-        ["--params", "healthy.yaml", "--params", "osteoarthritis.yaml", "--params", "mri_femur.yaml"],
+        [
+            "--params",
+            "healthy.yaml",
+            "--params",
+            "osteoarthritis.yaml",
+            "--params",
+            "mri_femur.yaml",
+        ],
         ["-p", "load.compartment:=moment_balance", "-p", "body_weight:=300"],
     ],
 )
 def test_solve(check: Check, right_bag: Path, tmp_path: Path, more: list[str]) -> None:
     """The last one says much: the share of the load, and what makes no sense."""
-    check(lambda: main(["solve", str(right_bag), *more, "--overwrite", "--output", str(tmp_path / "out.mcap")]))
+    check(
+        lambda: main(
+            ["solve", str(right_bag), *more, "--overwrite", "--output", str(tmp_path / "out.mcap")]
+        )
+    )
 
 
-MUCH = "--params load/inverse_dynamics -p calibrated:=true -p pairing.max_gap:=0.001 -p level:=auto"
+MUCH = (
+    "--params load/inverse_dynamics -p calibrated:=true -p pairing.max_gap:=0.001 -p level:=auto"
+)
 
 
 @pytest.mark.parametrize("more", ["", MUCH])
@@ -76,7 +89,16 @@ def test_estimate_load(check: Check, tmp_path: Path, more: str) -> None:
     """The last one says much: every estimate but the first is flagged."""
     bag = walking_bag(tmp_path / "walk.mcap", walk(40))
     check(
-        lambda: main(["estimate-load", str(bag), *more.split(), "--overwrite", "--output", str(tmp_path / "out.mcap")])
+        lambda: main(
+            [
+                "estimate-load",
+                str(bag),
+                *more.split(),
+                "--overwrite",
+                "--output",
+                str(tmp_path / "out.mcap"),
+            ]
+        )
     )
 
 
@@ -85,12 +107,22 @@ def test_recover(check: Check, right_bag: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "in.mcap").read_bytes()[:60_000])
     check(lambda: main(["recover", str(cut), str(tmp_path / "out.mcap"), "--overwrite"]))
-    topic = TopicCount("/left_leg/exoskeleton_controller/knee_contact", "knee_contact_ros/msg/KneeContact", 10**6, None)
+    topic = TopicCount(
+        "/left_leg/exoskeleton_controller/knee_contact",
+        "knee_contact_ros/msg/KneeContact",
+        10**6,
+        None,
+    )
     check(lambda: show_recovery(Recovery([topic], (0, 10**9), 10, 0, []), "out.mcap"))
 
 
 def test_import_opensim(check: Check, tmp_path: Path) -> None:
-    files = ["--kinematics", str(kinematics(tmp_path / "q.sto")), "--reactions", str(reactions(tmp_path / "jr.sto"))]
+    files = [
+        "--kinematics",
+        str(kinematics(tmp_path / "q.sto")),
+        "--reactions",
+        str(reactions(tmp_path / "jr.sto")),
+    ]
     output = ["--side", "both", "--overwrite", "--output", str(tmp_path / "bag")]
     check(lambda: main(["import-opensim", *files, *output]))
 
@@ -114,14 +146,20 @@ def test_a_line_that_hangs_breaks_between_words_on_a_terminal() -> None:
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 @pytest.mark.parametrize("values", [{}, {"load.compartment": "both"}])
-def test_a_table_has_every_number_of_every_answer(suffix: str, values: dict[str, str], tmp_path: Path) -> None:
+def test_a_table_has_every_number_of_every_answer(
+    suffix: str, values: dict[str, str], tmp_path: Path
+) -> None:
     pandas = pytest.importorskip("pandas")
     if suffix == ".parquet":
         pytest.importorskip("pyarrow")
     recording, output = tmp_path / "out.mcap", tmp_path / f"table{suffix}"
     solve(share_folder() / "bags" / "gait2354_right", values, output=recording)
     assert main(["table", str(recording), "--output", str(output)]) == 0
-    table = pandas.read_parquet(output) if suffix == ".parquet" else pandas.read_csv(output, engine="python")
+    table = (
+        pandas.read_parquet(output)
+        if suffix == ".parquet"
+        else pandas.read_csv(output, engine="python")
+    )
     for topic in table["topic"].unique() if values else ["/knee_contact"]:
         answers = read_answers(recording, topic).view(FLAT)
         own = table[table["topic"] == topic] if values else table

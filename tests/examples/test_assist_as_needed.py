@@ -34,7 +34,9 @@ answers = st.tuples(
     st.sampled_from([0.0, 0.0, 1e-6, 1e-5, 1.1e-5, 1.0, math.nan]),
 )
 events = st.lists(
-    st.builds(Event, st.floats(0.0, 0.05) | st.floats(0.0, 3.0), answers | st.none()), min_size=1, max_size=60
+    st.builds(Event, st.floats(0.0, 0.05) | st.floats(0.0, 3.0), answers | st.none()),
+    min_size=1,
+    max_size=60,
 )
 settings = st.builds(
     Settings,
@@ -46,7 +48,9 @@ settings = st.builds(
 
 
 @given(settings, events)
-def test_whatever_comes_bounds_rates_and_doubt_hold(settings: Settings, events: list[Event]) -> None:
+def test_whatever_comes_bounds_rates_and_doubt_hold(
+    settings: Settings, events: list[Event]
+) -> None:
     law, now, heard = AssistLaw(settings), 0.0, -math.inf
     answer, before = (math.nan, 0, 0.0), law.command(0.0)
     assert before == 0.0
@@ -57,7 +61,9 @@ def test_whatever_comes_bounds_rates_and_doubt_hold(settings: Settings, events: 
             law.hear(now, *answer)
         torque = law.command(now)
         assert 0.0 <= torque <= settings.nominal_torque
-        assert torque - before <= settings.rise_rate * min(event.elapsed, settings.timeout) + ROUNDING
+        assert (
+            torque - before <= settings.rise_rate * min(event.elapsed, settings.timeout) + ROUNDING
+        )
         assert before - torque <= settings.fall_rate * event.elapsed + ROUNDING
         force, status, error = answer
         trusted = (
@@ -68,11 +74,17 @@ def test_whatever_comes_bounds_rates_and_doubt_hold(settings: Settings, events: 
         )
         if not trusted or force > settings.force_limit:
             # As far as the rate allows, and no less
-            assert torque == pytest.approx(max(before - settings.fall_rate * event.elapsed, 0.0), abs=ROUNDING)
+            assert torque == pytest.approx(
+                max(before - settings.fall_rate * event.elapsed, 0.0), abs=ROUNDING
+            )
         elif force >= settings.force_limit - settings.release_band:
             assert torque >= before
         else:
-            assert torque > before or event.elapsed == 0.0 or torque in (before, settings.nominal_torque)
+            assert (
+                torque > before
+                or event.elapsed == 0.0
+                or torque in (before, settings.nominal_torque)
+            )
         assert bool(law.doubt) is not trusted
         before = torque
 
@@ -108,7 +120,9 @@ def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly() -> None:
     assert law.command(1.11) == pytest.approx(6.0, abs=ROUNDING)  # 200 N m/s x 20 ms
     assert law.doubt == "no answer for 0.1 s"
     assert law.command(2.0) == 0.0
-    assert torques(law, 9.0, LOW, LOW) == pytest.approx([2.0, 2.1], abs=ROUNDING)  # 7 s late: a rise of 0.1 s at most
+    assert torques(law, 9.0, LOW, LOW) == pytest.approx(
+        [2.0, 2.1], abs=ROUNDING
+    )  # 7 s late: a rise of 0.1 s at most
 
 
 def test_each_flag_of_an_answer_is_told_as_the_doubt() -> None:
@@ -129,7 +143,9 @@ def test_stopped_it_goes_to_zero_whatever_comes() -> None:
 @pytest.mark.parametrize("name", [field.name for field in fields(Settings)])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, 5])
 def test_settings_are_numbers_above_zero(name: str, value: float) -> None:
-    with pytest.raises(ValueError, match=f"^{name}: {value} is not allowed; it should be a number > 0$"):
+    with pytest.raises(
+        ValueError, match=f"^{name}: {value} is not allowed; it should be a number > 0$"
+    ):
         replace(SETTINGS, **{name: value})
     with pytest.raises(ValueError, match="it should be below force_limit"):
         Settings(release_band=1400.0)

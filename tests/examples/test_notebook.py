@@ -40,15 +40,25 @@ def test_it_is_kept_without_outputs_and_runs(name: str) -> None:
     outputs = [output for cell in run.cells for output in cell.get("outputs", [])]
     told = [output.text for output in outputs if output.get("name") == "stderr"]
     assert [text for text in told if "compiling the model" not in text] == []
-    pictures = [base64.b64decode(out.data["image/png"]) for out in outputs if "image/png" in out.get("data", {})]
+    pictures = [
+        base64.b64decode(out.data["image/png"])
+        for out in outputs
+        if "image/png" in out.get("data", {})
+    ]
     assert len(pictures) == PICTURES[name]  # each once
     assert all(picture.startswith(b"\x89PNG") for picture in pictures)
-    texts = [output.data["text/plain"] for output in outputs if "text/plain" in output.get("data", {})]
+    texts = [
+        output.data["text/plain"] for output in outputs if "text/plain" in output.get("data", {})
+    ]
     assert max(len(text.splitlines()) for text in texts) <= 20
     if name == "own_data":  # ticks of a stream are those of a run
-        assert any(output.text.endswith("True\n") for output in outputs if output.get("name") == "stdout")
+        assert any(
+            output.text.endswith("True\n") for output in outputs if output.get("name") == "stdout"
+        )
     if name == "knee":
         (printed,) = [output.text for output in outputs if output.get("name") == "stdout"]
         found, spread, hidden = map(float, re.findall(r"[\d.]+", printed))
         assert hidden == 4.0
-        assert abs(found - hidden) < 4.0 * spread < 0.4  # [°] four standard deviations of what the noise leaves open
+        assert (
+            abs(found - hidden) < 4.0 * spread < 0.4
+        )  # [°] four standard deviations of what the noise leaves open

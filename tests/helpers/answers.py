@@ -14,11 +14,23 @@ from knee_contact_ros.streams.topics import Answer
 FIELDS = tuple(name for name, (_, begin, *_) in (ROW.fields or {}).items() if begin < MESSAGE.stop)
 """Those of the message behind its header"""
 EXAMPLE = {
-    "flexion_angle": 0.1, "load": 2.0, "contact_force": 3.0, "penetration_depth": 4e-4, "penetration_rate": 0.01,
-    "sliding_velocity": -0.02, "contact_point": (0.005, 0.0, 0.0), "femoral_height": 0.03, "cartilage_depth": 4e-4,
-    "contact_state": 1, "fidelity": 2, "error_estimate": 1e-9, "force_error_estimate": 1e-3, "evaluations": 12,
-    "contact_wrench": ((0.0, -3.0, 0.0), (0.0, 0.0, -0.015)), "normal_y": 1.0,
-}  # fmt: skip
+    "flexion_angle": 0.1,
+    "load": 2.0,
+    "contact_force": 3.0,
+    "penetration_depth": 4e-4,
+    "penetration_rate": 0.01,
+    "sliding_velocity": -0.02,
+    "contact_point": (0.005, 0.0, 0.0),
+    "femoral_height": 0.03,
+    "cartilage_depth": 4e-4,
+    "contact_state": 1,
+    "fidelity": 2,
+    "error_estimate": 1e-9,
+    "force_error_estimate": 1e-3,
+    "evaluations": 12,
+    "contact_wrench": ((0.0, -3.0, 0.0), (0.0, 0.0, -0.015)),
+    "normal_y": 1.0,
+}
 
 
 def contact(**fields: Any) -> Contact:
@@ -49,4 +61,7 @@ def rows_of(answers: Iterable[Answer]) -> np.recarray[Any, Any]:
 def same(one: Rows, other: Rows) -> bool:
     """Whether all numbers of answers are alike; what is not a number is like itself."""
     names = FLAT.names or ()
-    return all(np.array_equal(one.view(FLAT)[name], other.view(FLAT)[name], equal_nan=True) for name in names)
+    return all(
+        np.array_equal(one.view(FLAT)[name], other.view(FLAT)[name], equal_nan=True)
+        for name in names
+    )

@@ -32,9 +32,13 @@ def write_rosbag2(
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
         known = {
-            topic: writer.add_connection(name(topic), kind, typestore=typestore()) for topic, kind in types.items()
+            topic: writer.add_connection(name(topic), kind, typestore=typestore())
+            for topic, kind in types.items()
         }
-        other = [writer.add_connection(topic, kind, typestore=typestore()) for topic, kind in OTHER.items()]
+        other = [
+            writer.add_connection(topic, kind, typestore=typestore())
+            for topic, kind in OTHER.items()
+        ]
         for message in messages:
             writer.write(known[message.topic], message.log_time, message.data)
             for connection in other:
@@ -42,7 +46,9 @@ def write_rosbag2(
     return folder
 
 
-def write_split(folder: Path, messages: list[RawMessage], storage: StoragePlugin, compression: CompressionMode) -> Path:
+def write_split(
+    folder: Path, messages: list[RawMessage], storage: StoragePlugin, compression: CompressionMode
+) -> Path:
     """A rosbag2 folder of twelve files, in the order in which their names are sorted: the tenth before the second."""
     write_rosbag2(folder, messages, storage, compression)
     yaml, description = YAML(typ="safe"), folder / "metadata.yaml"
@@ -51,11 +57,15 @@ def write_split(folder: Path, messages: list[RawMessage], storage: StoragePlugin
     (folder / file).unlink()
     size = -(-len(messages) // 12)
     for number in range(12):
-        part = write_rosbag2(folder / f"bag_{number}", messages[number * size :][:size], storage, compression)
+        part = write_rosbag2(
+            folder / f"bag_{number}", messages[number * size :][:size], storage, compression
+        )
         for path in part.glob("bag_*"):
             path.rename(folder / path.name)
         shutil.rmtree(part)
-    whole["rosbag2_bagfile_information"]["relative_file_paths"] = sorted(path.name for path in folder.glob("bag_*"))
+    whole["rosbag2_bagfile_information"]["relative_file_paths"] = sorted(
+        path.name for path in folder.glob("bag_*")
+    )
     with description.open("w") as stream:
         yaml.dump(whole, stream)
     return folder
@@ -64,17 +74,30 @@ def write_split(folder: Path, messages: list[RawMessage], storage: StoragePlugin
 class Mcap:
     """An MCAP file, channel by channel."""
 
-    def __init__(self, path: Path, compression: CompressionType = CompressionType.ZSTD, profile: str = "ros2") -> None:
+    def __init__(
+        self,
+        path: Path,
+        compression: CompressionType = CompressionType.ZSTD,
+        profile: str = "ros2",
+    ) -> None:
         self.path = path
         self._file = path.open("wb")
         self.writer = McapWriter(self._file, chunk_size=4096, compression=compression)
         self.writer.start(profile=profile)
 
-    def channel(self, topic: str, type_name: str, schema_encoding: str = "ros2msg", encoding: str = "cdr") -> int:
+    def channel(
+        self, topic: str, type_name: str, schema_encoding: str = "ros2msg", encoding: str = "cdr"
+    ) -> int:
         """Declare a topic."""
-        text = typestore().generate_msgdef(type_name, ros_version=2)[0].encode() if "/" in type_name else b"{}"
+        text = (
+            typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
+            if "/" in type_name
+            else b"{}"
+        )
         schema = self.writer.register_schema(name=type_name, encoding=schema_encoding, data=text)
-        return self.writer.register_channel(topic=topic, message_encoding=encoding, schema_id=schema)
+        return self.writer.register_channel(
+            topic=topic, message_encoding=encoding, schema_id=schema
+        )
 
     def channels(self) -> dict[str, int]:
         """Declare our inputs."""

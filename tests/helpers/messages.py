@@ -22,14 +22,23 @@ def message_class(name: str) -> Any:
     return typestore().types[name]
 
 
-NAMES = ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", *(f"geometry_msgs/msg/{name}" for name in (
-    "Point", "Vector3", "Wrench", "WrenchStamped")), MESSAGE_TYPES[KNEE_CONTACT])  # fmt: skip
+NAMES = (
+    "builtin_interfaces/msg/Time",
+    "std_msgs/msg/Header",
+    *(f"geometry_msgs/msg/{name}" for name in ("Point", "Vector3", "Wrench", "WrenchStamped")),
+    MESSAGE_TYPES[KNEE_CONTACT],
+)
 PlainMessages = SimpleNamespace(**{name.rpartition("/")[2]: message_class(name) for name in NAMES})
 """Those of rosbags"""
 RosMessages = SimpleNamespace(
-    Time=Time, Header=Header, Point=Point, Vector3=Vector3, Wrench=Wrench, WrenchStamped=WrenchStamped,
+    Time=Time,
+    Header=Header,
+    Point=Point,
+    Vector3=Vector3,
+    Wrench=Wrench,
+    WrenchStamped=WrenchStamped,
     KneeContact=KneeContact,
-)  # fmt: skip
+)
 """ROS's own"""
 
 
@@ -50,7 +59,10 @@ def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact) -> A
     """What the femur exerts on the tibia through the contact, reduced to the origin of the tibia frame."""
     parts = (dict(zip("xyz", part, strict=True)) for part in contact["contact_wrench"].item())
     wrench = types.Wrench(
-        **{name: types.Vector3(**part) for name, part in zip(("force", "torque"), parts, strict=True)}
+        **{
+            name: types.Vector3(**part)
+            for name, part in zip(("force", "torque"), parts, strict=True)
+        }
     )
     return types.WrenchStamped(header=header(types, stamp, frame_id), wrench=wrench)
 

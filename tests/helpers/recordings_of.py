@@ -24,12 +24,19 @@ def recording_with(
         for schema, channel, message in make_reader(stream).iter_messages():
             assert schema is not None
             if schema.id not in schemas:
-                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
             if channel.id not in channels:
                 channels[channel.id] = writer.register_channel(
-                    name(channel.topic), channel.message_encoding, schemas[schema.id], channel.metadata
+                    name(channel.topic),
+                    channel.message_encoding,
+                    schemas[schema.id],
+                    channel.metadata,
                 )
-            writer.add_message(channels[channel.id], message.log_time, frame(message.data), message.publish_time)
+            writer.add_message(
+                channels[channel.id], message.log_time, frame(message.data), message.publish_time
+            )
         for record, values in metadata:
             writer.add_metadata(record, values)
         writer.finish()

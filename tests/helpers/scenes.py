@@ -19,7 +19,8 @@ DAMPING = 5000.0
 LAYER_DEPTH = 5e-4
 CONSTANTS = Parameters().contact
 LAW_ARGUMENTS = {
-    name: {constant: getattr(CONSTANTS, constant) for constant in constants_of(name)} for name in CONTACT_LAWS
+    name: {constant: getattr(CONSTANTS, constant) for constant in constants_of(name)}
+    for name in CONTACT_LAWS
 }
 """Those of the parameters' defaults: Table 1's where it has them"""
 
@@ -44,7 +45,10 @@ def model(
 ) -> KneeModel:
     """A knee like the paper's; `pair` takes the place of `geometry` on a plane with `slope`, and of `mechanism`."""
     return KneeModel(
-        pair=pair or ContactPair(geometry or Circle(RADIUS), Plane(slope), mechanism or MECHANISMS["hinge"]()),
+        pair=pair
+        or ContactPair(
+            geometry or Circle(RADIUS), Plane(slope), mechanism or MECHANISMS["hinge"]()
+        ),
         law=contact_law,
         mass=mass,
         tolerance=tolerance,

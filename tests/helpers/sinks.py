@@ -63,7 +63,9 @@ PATIENCE = 30.0
 def answer(number: int) -> Answer:
     """An answer that its number tells from others."""
     stamp, depth = 1_000_000 * number, 1e-6 * number
-    row = contact(penetration_depth=depth, cartilage_depth=depth, stamp=stamp, contact_point=(0.0, 0.0, 0.0)).tobytes()
+    row = contact(
+        penetration_depth=depth, cartilage_depth=depth, stamp=stamp, contact_point=(0.0, 0.0, 0.0)
+    ).tobytes()
     angle = encode_joint_state(JointState(stamp, "", ("knee",), (0.1,), (), ()))
     force = encode_wrench_stamped(WrenchStamped(stamp, "tibia", (0.0, -3.0, 0.0), (0.0, 0.0, 0.0)))
     records = [(JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force)]
@@ -78,7 +80,9 @@ def put(sink: SinkProcess, numbers: range) -> None:
         sink.put(answer(number))
 
 
-def close(sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, patience: float = PATIENCE) -> bool:
+def close(
+    sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, patience: float = PATIENCE
+) -> bool:
     """Have an output completed, and wait for that; whether nothing is lost that must not be."""
     sink.end(ending)
     return sink.wait(time.monotonic() + patience)
@@ -103,7 +107,10 @@ def settled_backlog(sink: SinkProcess) -> int:
 
 def recorded_ticks(path: Path) -> list[int]:
     """The numbers of the answers in a recording."""
-    return [message.log_time // 1_000_000 for message in read_bag(path, {f"/{KNEE_CONTACT}": TYPES["/knee_contact"]})]
+    return [
+        message.log_time // 1_000_000
+        for message in read_bag(path, {f"/{KNEE_CONTACT}": TYPES["/knee_contact"]})
+    ]
 
 
 def shown_ticks(path: Path) -> list[int]:
@@ -135,10 +142,21 @@ class Started:
     def viewer(self, path: Path, wait: bool = True, queue: MayWait = QUEUE) -> SinkProcess:
         """A viewer."""
         arguments = path, [drawing_of(MODEL, "knee", 737.0)]
-        sink = Sink("viewer", "Rerun recording", str(path), open_output.__module__, arguments, "row", True, NICENESS)
+        sink = Sink(
+            "viewer",
+            "Rerun recording",
+            str(path),
+            open_output.__module__,
+            arguments,
+            "row",
+            True,
+            NICENESS,
+        )
         return self.begun(sink, wait, queue, "rerun")
 
-    def begun(self, sink: Sink, wait: bool, queue: MayWait = QUEUE, section: str = "record") -> SinkProcess:
+    def begun(
+        self, sink: Sink, wait: bool, queue: MayWait = QUEUE, section: str = "record"
+    ) -> SinkProcess:
         """A sink; with `wait` an open one."""
         process = SinkProcess(sink._replace(section=section, limits=queue), self._log)
         self.sinks.append(process)
@@ -151,7 +169,15 @@ class Started:
 def recording(path: Path, settings: Settings = SETTINGS) -> Sink:
     """A recorder, as it describes itself, but for the settings."""
     arguments = path, {}, ABSOLUTE_NAMES, settings
-    return Sink("recorder", "recording", str(path), recorder.__name__, arguments, "records", gaps_allowed=False)
+    return Sink(
+        "recorder",
+        "recording",
+        str(path),
+        recorder.__name__,
+        arguments,
+        "records",
+        gaps_allowed=False,
+    )
 
 
 def pid(sink: SinkProcess) -> int:
@@ -165,6 +191,8 @@ def readable(path: Path, step: int = 1_000_000) -> list[int]:
     """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
     numbers: list[int] = []
     with path.open("rb") as file, suppress(McapError, struct.error):
-        for _, _, message in NonSeekingReader(file).iter_messages(f"/{KNEE_CONTACT}", log_time_order=False):
+        for _, _, message in NonSeekingReader(file).iter_messages(
+            f"/{KNEE_CONTACT}", log_time_order=False
+        ):
             numbers.append(message.log_time // step)
     return numbers

@@ -47,7 +47,11 @@ class Terminal:
     def __init__(self, *command: str) -> None:
         self.master, slave = pty.openpty()
         self.shell = subprocess.Popen(
-            [sys.executable, "-c", SHELL, *command], stdin=slave, stdout=slave, stderr=slave, start_new_session=True
+            [sys.executable, "-c", SHELL, *command],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
         )
         os.close(slave)
         self.text = ""
@@ -74,7 +78,10 @@ class Terminal:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self.shell.poll() is None and kind is not None:
             with suppress(ProcessLookupError):

@@ -57,7 +57,9 @@ class Screen:
 
         def cursor() -> bool:
             state = self.state
-            (shown,) = (item for item in state.recordings if item.store_id == state.active_recording)
+            (shown,) = (
+                item for item in state.recordings if item.store_id == state.active_recording
+            )
             return (shown.current_timeline, shown.current_time) == (timeline, stamp)
 
         wait_for(cursor, f"the cursor to stand on {timeline} {stamp} ns")
@@ -76,7 +78,11 @@ class Screen:
 
     def complaints(self) -> list[str]:
         """Warnings and errors: of the views about what they cannot show, and in the viewer's log."""
-        reports = [f"{view.name}: {report.summary}" for view in self.state.views for report in view.reports]
+        reports = [
+            f"{view.name}: {report.summary}"
+            for view in self.state.views
+            for report in view.reports
+        ]
         logged = [entry for entry in self._client.get_logs() if entry.level in ("WARN", "ERROR")]
         return reports + [entry.message for entry in logged if SOFTWARE not in entry.message]
 
@@ -93,13 +99,36 @@ def rendered(*files: Path | str, size: tuple[int, int] = (1600, 900)) -> Iterato
     """
     with TemporaryDirectory() as home:
         environment = {**os.environ, "HOME": home, "XDG_CONFIG_HOME": home, "XDG_DATA_HOME": home}
-        environment |= {"XDG_RUNTIME_DIR": home, "NO_COLOR": "1", "RUST_LOG": "warn,egui_wgpu=error,re_renderer=error"}
-        subprocess.run([RERUN, "analytics", "disable"], env=environment, capture_output=True, check=True)
+        environment |= {
+            "XDG_RUNTIME_DIR": home,
+            "NO_COLOR": "1",
+            "RUST_LOG": "warn,egui_wgpu=error,re_renderer=error",
+        }
+        subprocess.run(
+            [RERUN, "analytics", "disable"], env=environment, capture_output=True, check=True
+        )
         port, log = free_port(), Path(home) / "log"
-        options = ["--headless", "--hide-welcome-screen", "--bind", "127.0.0.1", "--port", str(port)]
-        command = ["timeout", str(LIFE), RERUN, *options, "--window-size", "{}x{}".format(*size), *files]
+        options = [
+            "--headless",
+            "--hide-welcome-screen",
+            "--bind",
+            "127.0.0.1",
+            "--port",
+            str(port),
+        ]
+        command = [
+            "timeout",
+            str(LIFE),
+            RERUN,
+            *options,
+            "--window-size",
+            "{}x{}".format(*size),
+            *files,
+        ]
         with log.open("wb") as output:
-            viewer = subprocess.Popen(command, env=environment, stdout=output, stderr=output, start_new_session=True)
+            viewer = subprocess.Popen(
+                command, env=environment, stdout=output, stderr=output, start_new_session=True
+            )
         try:
             yield Screen(loaded(viewer, port, log))
         except BaseException:
@@ -118,7 +147,9 @@ def loaded(viewer: subprocess.Popen[bytes], port: int, log: Path) -> ViewerClien
         if viewer.poll() is not None:
             said = log.read_text(errors="replace")
             if any(reason in said for reason in NO_RENDERER):
-                pytest.skip("Rerun cannot draw here; on Debian: apt install mesa-vulkan-drivers libgl1-mesa-dri")
+                pytest.skip(
+                    "Rerun cannot draw here; on Debian: apt install mesa-vulkan-drivers libgl1-mesa-dri"
+                )
             pytest.fail(f"the viewer ended with {viewer.returncode}:\n{said}")
         with suppress(Exception):  # nobody answers yet; the library raises what it likes
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
@@ -142,7 +173,9 @@ def wait_for(condition: Callable[[], T | None], what: str) -> T:
 
 def shown_to(state: ViewerState) -> int:
     """The newest stamp [ns] that a viewer has."""
-    return max((line.end for recording in state.recordings for line in recording.timelines), default=-1)
+    return max(
+        (line.end for recording in state.recordings for line in recording.timelines), default=-1
+    )
 
 
 @contextmanager
@@ -150,12 +183,16 @@ def window_of(process: psutil.Process, newest: int) -> Iterator[psutil.Process]:
     """The viewer that a process has opened, once it has this stamp [ns]; it is gone afterwards."""
 
     def started() -> psutil.Process | None:
-        return next((child for child in process.children(recursive=True) if child.name() == "rerun"), None)
+        return next(
+            (child for child in process.children(recursive=True) if child.name() == "rerun"), None
+        )
 
     viewer = wait_for(started, "the viewer to start")
 
     def shows() -> bool:
-        places = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+        places = [
+            one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN
+        ]
         with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
             address = f"rerun+http://{places[0].ip}:{places[0].port}/proxy"
             return shown_to(ViewerClient.connect(address).get_state()) >= newest

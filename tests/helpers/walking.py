@@ -8,7 +8,12 @@ from pathlib import Path
 
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
 
 MS = 1_000_000
@@ -37,11 +42,20 @@ def ground(stamp: int, frame: str = "plate") -> WrenchStamped:
     """What the ground exerts on the foot about the ankle [N, N m]: stance in the one half of a stride, nothing else."""
     stance = max(math.sin(phase(stamp)), 0.0)
     vertical, shear = 900.0 * math.sqrt(stance), 120.0 * stance * math.sin(2.0 * phase(stamp))
-    return WrenchStamped(stamp, frame, (shear, vertical, -30.0 * stance), (6.0 * stance, 2.0 * stance, 40.0 * stance))
+    return WrenchStamped(
+        stamp,
+        frame,
+        (shear, vertical, -30.0 * stance),
+        (6.0 * stance, 2.0 * stance, 40.0 * stance),
+    )
 
 
 def walk(
-    number: int = 240, step: int = 5 * MS, begin: int = 0, effort: bool = False, frame: str = "plate"
+    number: int = 240,
+    step: int = 5 * MS,
+    begin: int = 0,
+    effort: bool = False,
+    frame: str = "plate",
 ) -> list[RawMessage]:
     """Messages of both inputs, `number` of each, `step` [ns] apart; the angle of a stamp comes first."""
     messages = []

@@ -30,7 +30,9 @@ def whole(*records: bytes) -> bytes:
     return MAGIC + head + b"".join(records) + end + MAGIC
 
 
-def chunk(data: bytes, size: int, compression: str = "zstd", first: int = 0, last: int = 0) -> bytes:
+def chunk(
+    data: bytes, size: int, compression: str = "zstd", first: int = 0, last: int = 0
+) -> bytes:
     """A chunk that claims to hold `size` bytes."""
     return written(Chunk(compression, data, last, first, 0, size))
 

@@ -32,7 +32,9 @@ from tests.hostile.bags import (
 GAIT = share_folder() / "bags" / "gait2354_right"
 JOINTS, FORCE = "/joint_states", "/joint_reaction_force"
 EVIL = "\x1b]0;mine\x07\x1b[2J"
-BOMB = "- &a {b: 1}\n" + "".join(f"- &{chr(98 + i)} [*{chr(97 + i)}, *{chr(97 + i)}]\n" for i in range(24))
+BOMB = "- &a {b: 1}\n" + "".join(
+    f"- &{chr(98 + i)} [*{chr(97 + i)}, *{chr(97 + i)}]\n" for i in range(24)
+)
 """Quality of service that is twice as much with every line"""
 Make = Callable[[Path], Path]
 
@@ -124,24 +126,35 @@ def replaced(old: str, new: str) -> Make:
 
 
 PROFILE = json.dumps({"femur.geometry": "profile", "femur.profile": "/dev/zero"})
-NESTED = b"".join(struct.pack("<BQ", Opcode.METADATA, 9 * left - 9) for left in range(60_000, 0, -1))
+NESTED = b"".join(
+    struct.pack("<BQ", Opcode.METADATA, 9 * left - 9) for left in range(60_000, 0, -1)
+)
 BAGS: dict[str, Make] = {
     "a profile that is named": recorded(PROFILE),
     "parameters that are a name": recorded('"/dev/zero"'),
     "parameters within parameters": recorded("[" * 100_000),
-    "a change that is damaged": recorded({}, ("parameters_changed", {"tick": "5", "contact.damping": "{"})),
+    "a change that is damaged": recorded(
+        {}, ("parameters_changed", {"tick": "5", "contact.damping": "{"})
+    ),
     "a change long ago": recorded({}, ("reset", {"tick": "9" * 4300})),
-    "a curve of many points": recorded({"parameters": PROFILE, "file of femur.profile": "0,0\n" * 100_000}),
+    "a curve of many points": recorded(
+        {"parameters": PROFILE, "file of femur.profile": "0,0\n" * 100_000}
+    ),
     "escape codes in topics": named(lambda topic: f"{topic}{EVIL}"),
     "escape codes in a record": recorded({"package": f"knee_contact_ros {EVIL}"}),
     "a chunk of ten gigabytes": saved(whole(chunk(zstd_of_zeros(10_240), 10_240 * 2**20))),
     "a chunk that hides ten gigabytes": saved(whole(chunk(zstd_of_zeros(10_240), 1000))),
     "chunks of much": saved(whole(*[chunk(zstd_of_zeros(64), 64 * 2**20)] * 300)),
     "chunks of much for lz4": saved(whole(*[chunk(lz4_of_zeros(16), 2**24, "lz4")] * 6)),
-    "a chunk of a million records": saved(whole(chunk(record(0x80, b"") * 1_500_000, 13_500_000, ""))),
+    "a chunk of a million records": saved(
+        whole(chunk(record(0x80, b"") * 1_500_000, 13_500_000, ""))
+    ),
     "records within each other": saved(MAGIC + b"\xff" + NESTED),
     "channels without end": saved(
-        whole(schema(1, "a/msg/B", b"a" * 10**6), *(channel(number, f"/t{number}") for number in range(6000)))
+        whole(
+            schema(1, "a/msg/B", b"a" * 10**6),
+            *(channel(number, f"/t{number}") for number in range(6000)),
+        )
     ),
     "messages and notes by turns": saved(
         whole(
@@ -157,9 +170,15 @@ BAGS: dict[str, Make] = {
     "metadata that is a device": folder_with(linked),
     "metadata in brackets": folder_with(lambda path: path.write_text("[" * 100_000)),
     "metadata in another encoding": folder_with(lambda path: path.write_bytes(b"\xff\xfe\xe9")),
-    "metadata that names half a character": replaced("file_paths:\n", 'file_paths:\n  - "\\ud800"\n'),
-    "metadata that names what is too long": replaced("file_paths:\n", f"file_paths:\n  - {'x' * 300}\n"),
-    "metadata with a date that is none": folder_with(lambda path: path.write_text("a: 2001-99-99")),
+    "metadata that names half a character": replaced(
+        "file_paths:\n", 'file_paths:\n  - "\\ud800"\n'
+    ),
+    "metadata that names what is too long": replaced(
+        "file_paths:\n", f"file_paths:\n  - {'x' * 300}\n"
+    ),
+    "metadata with a date that is none": folder_with(
+        lambda path: path.write_text("a: 2001-99-99")
+    ),
     "metadata that names files elsewhere": replaced("gait2354_right", "../../../../dev/zero"),
     "a file compressed a thousand times": folder_with(compressed),
     "messages compressed a thousand times": folder_with(squeezed),

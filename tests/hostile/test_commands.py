@@ -20,9 +20,14 @@ COMMANDS = {
     "report": ["report", "{bag}", "--output", "{output}/report"],
     "view": ["view", "{bag}", "--save", "{output}/out.rrd"],
     "recover": ["recover", "{bag}", "{output}/out.mcap"],
-    "estimate-load": ["estimate-load", "{bag}", "--output", "{output}/out.mcap",
-                      "--remap=ground_reaction_force:=/joint_reaction_force"],
-}  # fmt: skip
+    "estimate-load": [
+        "estimate-load",
+        "{bag}",
+        "--output",
+        "{output}/out.mcap",
+        "--remap=ground_reaction_force:=/joint_reaction_force",
+    ],
+}
 OTHERWISE = [
     ("a chunk that hides ten gigabytes", "recover"),
     ("channels without end", "recover"),
@@ -36,16 +41,25 @@ OTHERWISE = [
 ]
 """Where other commands have ways of their own"""
 SEEN = [
-    pytest.param(name, "view", marks=needs_viewer) for name in ("a profile that is named", "escape codes in topics")
+    pytest.param(name, "view", marks=needs_viewer)
+    for name in ("a profile that is named", "escape codes in topics")
 ]
 MEMORY, SECONDS, PATIENCE = 3 * 2**30, 20, 60
 """Addresses [B] and processor time [s] that a command may use, and the time [s] for one that waits"""
 PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload([
-    f"knee_contact_ros.{name}" for name in (
-        "commands.main", "lab.report", "bags.recover", "offline.solve",
-        "offline.estimate_load", *["commands.view"][:HAS_VIEWER])
-])  # fmt: skip
+PROCESSES.set_forkserver_preload(
+    [
+        f"knee_contact_ros.{name}"
+        for name in (
+            "commands.main",
+            "lab.report",
+            "bags.recover",
+            "offline.solve",
+            "offline.estimate_load",
+            *["commands.view"][:HAS_VIEWER],
+        )
+    ]
+)
 
 
 def limited(arguments: list[str], log: Path) -> None:
@@ -71,10 +85,14 @@ def run(command: str, bag: Path, output: Path) -> tuple[int | None, str]:
 
 def files(folder: Path) -> dict[str, tuple[int, int]]:
     """All that is in a folder: sizes and times."""
-    return {str(path): (path.lstat().st_size, path.lstat().st_mtime_ns) for path in folder.rglob("*")}
+    return {
+        str(path): (path.lstat().st_size, path.lstat().st_mtime_ns) for path in folder.rglob("*")
+    }
 
 
-@pytest.mark.parametrize(("name", "command"), [(name, "solve") for name in BAGS] + OTHERWISE + SEEN)
+@pytest.mark.parametrize(
+    ("name", "command"), [(name, "solve") for name in BAGS] + OTHERWISE + SEEN
+)
 def test_bags(name: str, command: str, tmp_path: Path) -> None:
     theirs, output = tmp_path / "theirs", tmp_path / "output"
     theirs.mkdir()
@@ -87,7 +105,12 @@ def test_bags(name: str, command: str, tmp_path: Path) -> None:
     assert code == 0 or said.splitlines()[-1].startswith("knee-contact: ")
     assert said.replace("\n", "").isprintable()
     assert files(theirs) == before
-    assert {path.name for path in output.iterdir()} <= {"out.mcap", "out.rrd", "report", "metadata.yaml"}
+    assert {path.name for path in output.iterdir()} <= {
+        "out.mcap",
+        "out.rrd",
+        "report",
+        "metadata.yaml",
+    }
 
 
 def test_a_good_bag_passes_the_same_way(tmp_path: Path) -> None:

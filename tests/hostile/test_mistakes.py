@@ -36,18 +36,27 @@ def by_opensim(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarr
     write_model(folder / "m.osim")
     write_storage(folder / "q.mot", time, {"knee_angle_r": -np.degrees(angle)}, "yes")
     stem = "walker_knee_r_on_tibia_r_in_tibia_r_"
-    columns = {stem + axis: (0.0 if axis != "fy" else -1.0) * load for axis in ("fx", "fy", "fz", "mx", "my", "mz")}
+    columns = {
+        stem + axis: (0.0 if axis != "fy" else -1.0) * load
+        for axis in ("fx", "fy", "fz", "mx", "my", "mz")
+    }
     write_storage(folder / "jr.sto", time, columns, "no")
     files = ["--kinematics=q.mot", "--reactions=jr.sto", "--model=m.osim"]
     return ["import-opensim", *files, "--side=right", "--output=bag"]
 
 
-def by_bag(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray, axis: int = 1) -> list[str]:
+def by_bag(
+    folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray, axis: int = 1
+) -> list[str]:
     """Solve a bag of somebody's own."""
     stamps, wrench = np.rint(1e9 * time).astype(np.int64), np.zeros((len(time), 6))
     wrench[:, axis] = -load
     angles = Signal(stamps, angle[:, None]).with_rate()
-    write_bag(Gait("right", {"knee": angles}, {"load": Signal(stamps, wrench)}, {}, []), folder / "own", {})
+    write_bag(
+        Gait("right", {"knee": angles}, {"load": Signal(stamps, wrench)}, {}, []),
+        folder / "own",
+        {},
+    )
     return ["solve", "own", "-p", f"body_weight:={WEIGHT}", "--output=out.mcap"]
 
 
@@ -66,17 +75,32 @@ def by_insole(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarra
 
 def by_share(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
     """Fit a share to an instrumented knee."""
-    write_csv(folder / "t.csv", {"t": time, "a": np.degrees(angle), "medial": 0.6 * load, "lateral": 0.4 * load})
-    sums = ["--axial=medial + lateral", "--medial=medial", "--flexion=a", "--angle-unit=deg", f"--body-weight={WEIGHT}"]
+    write_csv(
+        folder / "t.csv",
+        {"t": time, "a": np.degrees(angle), "medial": 0.6 * load, "lateral": 0.4 * load},
+    )
+    sums = [
+        "--axial=medial + lateral",
+        "--medial=medial",
+        "--flexion=a",
+        "--angle-unit=deg",
+        f"--body-weight={WEIGHT}",
+    ]
     return ["fit-share", "--trial=t.csv", "--time=t", *sums, "--source=x", "--output=s.csv"]
 
 
 ANGLES: dict[str, tuple[Change, str]] = {
-    "degrees for radians": (lambda t, q, f: (t, np.degrees(q), f), "degrees|range of motion|beyond"),
+    "degrees for radians": (
+        lambda t, q, f: (t, np.degrees(q), f),
+        "degrees|range of motion|beyond",
+    ),
     "an offset of 5 rad": (lambda t, q, f: (t, q + 5.0, f), "offset|angle-unit|included|rad"),
     "the sign": (lambda t, q, f: (t, -q - 0.6, f), "sign"),
     "the included angle": (lambda t, q, f: (t, np.pi - q, f), "included angle|sign"),
-    "columns swapped": (lambda t, q, f: (t, f, q), "range of motion|beyond|must not exceed|angle-unit"),
+    "columns swapped": (
+        lambda t, q, f: (t, f, q),
+        "range of motion|beyond|must not exceed|angle-unit",
+    ),
 }
 TIMES: dict[str, tuple[Change, str]] = {
     "milliseconds": (lambda t, q, f: (1e3 * t, q, f), "milliseconds"),
@@ -86,7 +110,10 @@ LOADS: dict[str, tuple[Change, str]] = {
     "the other sign": (lambda t, q, f: (t, q, -f), "pulls|negative throughout"),
     "kN": (lambda t, q, f: (t, q, f / 1e3), "kN|the peak"),
     "body weights": (lambda t, q, f: (t, q, f / WEIGHT), "BW|body weights|must be in N"),
-    "percent of body weight": (lambda t, q, f: (t, q, f / (0.01 * WEIGHT)), "%BW|percent|body weights"),
+    "percent of body weight": (
+        lambda t, q, f: (t, q, f / (0.01 * WEIGHT)),
+        "%BW|percent|body weights",
+    ),
     "a spike": (lambda t, q, f: (t, q, np.where(t == t[50], 41e3, f)), "spike"),
 }
 OF_GAIT: dict[str, tuple[Change, str]] = {
@@ -95,7 +122,10 @@ OF_GAIT: dict[str, tuple[Change, str]] = {
     "mN": (lambda t, q, f: (t, q, 1e3 * f), "spike|load.unit"),
     "kilograms": (lambda t, q, f: (t, q, f / 9.80665), "kgf|body weights|must be in N"),
     "an encoder": (lambda t, q, f: (t, q - 1.6, f), "offset|sign"),
-    "a loose contact": (lambda t, q, f: (t, np.where(t > t[200], q + 0.9, q), f), "the step at|included"),
+    "a loose contact": (
+        lambda t, q, f: (t, np.where(t > t[200], q + 0.9, q), f),
+        "the step at|included",
+    ),
 }
 GROUND: dict[str, tuple[Change, str]] = {
     "kN": (lambda t, q, f: (t, q, f / 1e3), "must be in N"),
@@ -106,36 +136,62 @@ GROUND: dict[str, tuple[Change, str]] = {
     "a scale of 10": (lambda t, q, f: (t, q, 10.0 * f), "body weights, plausible"),
 }
 SHARES: dict[str, tuple[Change, str]] = {
-    **{name: LOADS[name] for name in ("the other sign", "kN", "body weights", "percent of body weight")},
+    **{
+        name: LOADS[name]
+        for name in ("the other sign", "kN", "body weights", "percent of body weight")
+    },
     **{name: ANGLES[name] for name in ("the sign", "degrees for radians", "columns swapped")},
     "no load": (LOADS["no load"][0], "the axial force reaches"),
     "radians for degrees": (OF_GAIT["radians for degrees"][0], "moves by|range of motion"),
     "kilograms": (OF_GAIT["kilograms"][0], "body weights"),
     "pounds": (OF_GAIT["pounds"][0], "body weights"),
 }
-SHARED = {"the other sign": "the axial force reaches", "kN": "the axial force reaches",
-          "body weights": "the axial force reaches", "the sign": "positive in flexion",
-          "degrees for radians": "flexion reaches", "columns swapped": "flexion reaches"}  # fmt: skip
+SHARED = {
+    "the other sign": "the axial force reaches",
+    "kN": "the axial force reaches",
+    "body weights": "the axial force reaches",
+    "the sign": "positive in flexion",
+    "degrees for radians": "flexion reaches",
+    "columns swapped": "flexion reaches",
+}
 """What fit-share says"""
 OPENSIM_KNOWS = {"the sign", "radians for degrees", "an encoder", "degrees for radians"}
 """What OpenSim's header or importer finds out by itself, or which its files hold otherwise; see test_results"""
 WAYS = {
     by_csv: ANGLES | TIMES | LOADS | OF_GAIT,
-    by_opensim: {name: each for name, each in (ANGLES | TIMES | LOADS | OF_GAIT).items() if name not in OPENSIM_KNOWS}
-    | {"the other sign": (LOADS["the other sign"][0], "pulls .* force on the tibia, and not on the femur")},
-    by_bag: {name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"},
+    by_opensim: {
+        name: each
+        for name, each in (ANGLES | TIMES | LOADS | OF_GAIT).items()
+        if name not in OPENSIM_KNOWS
+    }
+    | {
+        "the other sign": (
+            LOADS["the other sign"][0],
+            "pulls .* force on the tibia, and not on the femur",
+        )
+    },
+    by_bag: {
+        name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"
+    },
     upright: {"z up": (lambda *columns: columns, "force.z carries .*: is z up")},
     by_insole: ANGLES | TIMES | GROUND,
-    by_share: {name: (change, SHARED.get(name, words)) for name, (change, words) in SHARES.items()},
+    by_share: {
+        name: (change, SHARED.get(name, words)) for name, (change, words) in SHARES.items()
+    },
 }
 MISTAKES = [(way, name) for way, mistakes in WAYS.items() for name in mistakes]
 
 
-@pytest.mark.parametrize(("way", "name"), MISTAKES, ids=lambda each: getattr(each, "__name__", each))
+@pytest.mark.parametrize(
+    ("way", "name"), MISTAKES, ids=lambda each: getattr(each, "__name__", each)
+)
 def test_a_mistake_is_told(
-    way: Callable[..., list[str]], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    way: Callable[..., list[str]],
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     change, words = WAYS[way][name]
     code = main(way(tmp_path, *change(*gait())))
@@ -146,7 +202,10 @@ def test_a_mistake_is_told(
 
 @pytest.mark.parametrize("way", [by_csv, by_opensim, by_bag, by_insole, by_share])
 def test_what_is_right_is_not_warned_about(
-    way: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    way: Callable[..., list[str]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(way(tmp_path, *gait())) == 0

@@ -23,13 +23,17 @@ def angles(draw: Random) -> Joints:
 
 
 def motion(draw: Random) -> Motion:
-    return Motion(*[Turning(draw.uniform(-10.0, 10.0), draw.uniform(-200.0, 200.0)) for _ in range(3)])
+    return Motion(
+        *[Turning(draw.uniform(-10.0, 10.0), draw.uniform(-200.0, 200.0)) for _ in range(3)]
+    )
 
 
 def ground(draw: Random) -> Ground:
     """Of more than a person who jumps."""
     force = (draw.uniform(-500.0, 500.0), draw.uniform(-50.0, 3000.0), draw.uniform(-300.0, 300.0))
-    return Ground(force, (draw.uniform(-50.0, 50.0), draw.uniform(-50.0, 50.0), draw.uniform(-200.0, 200.0)))
+    return Ground(
+        force, (draw.uniform(-50.0, 50.0), draw.uniform(-50.0, 50.0), draw.uniform(-200.0, 200.0))
+    )
 
 
 def walking(count: int, step: int = MS, shaken: float = 0.0) -> list[tuple[int, Joints]]:
@@ -38,6 +42,10 @@ def walking(count: int, step: int = MS, shaken: float = 0.0) -> list[tuple[int, 
     for _ in range(count):
         stamp += round(step * (1.0 + shaken * draw.uniform(-1.0, 1.0)))
         time = 1e-9 * (stamp - EPOCH)
-        joints = Joints(0.5 + 0.5 * math.sin(6.0 * time), 0.3 * math.sin(5.0 * time), 0.2 * math.sin(7.0 * time))
+        joints = Joints(
+            0.5 + 0.5 * math.sin(6.0 * time),
+            0.3 * math.sin(5.0 * time),
+            0.2 * math.sin(7.0 * time),
+        )
         samples.append((stamp, joints))
     return samples

@@ -43,21 +43,27 @@ def turned(name: str, q: Values) -> Values:
 def place(path: Path, q: Values) -> Values:
     """Of a point, from the hip."""
     along = [(turned(name, q), x, y) for name, x, y in path]
-    return np.array([
-        sum(x * np.cos(angle) - y * np.sin(angle) for angle, x, y in along),
-        sum(x * np.sin(angle) + y * np.cos(angle) for angle, x, y in along),
-    ])  # fmt: skip
+    return np.array(
+        [
+            sum(x * np.cos(angle) - y * np.sin(angle) for angle, x, y in along),
+            sum(x * np.sin(angle) + y * np.cos(angle) for angle, x, y in along),
+        ]
+    )
 
 
 def velocity(path: Path, q: Values, rate: Values) -> Values:
     along = [(turned(name, q), turned(name, rate), x, y) for name, x, y in path]
-    return np.array([
-        sum(-turn * (x * np.sin(angle) + y * np.cos(angle)) for angle, turn, x, y in along),
-        sum(turn * (x * np.cos(angle) - y * np.sin(angle)) for angle, turn, x, y in along),
-    ])  # fmt: skip
+    return np.array(
+        [
+            sum(-turn * (x * np.sin(angle) + y * np.cos(angle)) for angle, turn, x, y in along),
+            sum(turn * (x * np.cos(angle) - y * np.sin(angle)) for angle, turn, x, y in along),
+        ]
+    )
 
 
-def derivative(function: Callable[..., Values], at: list[Coordinates], along: list[Coordinates]) -> Values:
+def derivative(
+    function: Callable[..., Values], at: list[Coordinates], along: list[Coordinates]
+) -> Values:
     """Of a function of vectors, as they change at given rates."""
     values = function(*[one + 1j * STEP * change for one, change in zip(at, along, strict=True)])
     return np.asarray(np.imag(values) / STEP)
@@ -71,8 +77,18 @@ class Chain:
         self.ankle: Path = [*knee, ("shank", 0.0, -leg.shank_length)]
         self.bodies: list[tuple[float, float, str, Path]] = [
             (THIGH_MASS, THIGH_INERTIA, "thigh", [("thigh", 0.0, -0.4 * leg.thigh_length)]),
-            (leg.shank_mass, leg.shank_inertia, "shank", [*knee, ("shank", 0.0, -leg.shank_centre)]),
-            (leg.foot_mass, leg.foot_inertia, "foot", [*self.ankle, ("foot", leg.foot_forward, -leg.foot_below)]),
+            (
+                leg.shank_mass,
+                leg.shank_inertia,
+                "shank",
+                [*knee, ("shank", 0.0, -leg.shank_centre)],
+            ),
+            (
+                leg.foot_mass,
+                leg.foot_inertia,
+                "foot",
+                [*self.ankle, ("foot", leg.foot_forward, -leg.foot_below)],
+            ),
         ]
 
     def kinetic(self, q: Values, rate: Values) -> Values:
@@ -83,16 +99,25 @@ class Chain:
         return np.asarray(0.5 * np.sum(parts))
 
     def potential(self, q: Values) -> Values:
-        return np.asarray(GRAVITY * np.sum([mass * place(path, q)[1] for mass, _, _, path in self.bodies]))
+        return np.asarray(
+            GRAVITY * np.sum([mass * place(path, q)[1] for mass, _, _, path in self.bodies])
+        )
 
     def momenta(self, q: Values, rate: Values) -> Values:
         def one(unit: Coordinates) -> Values:
-            return np.asarray(self.kinetic(q, rate + unit) - self.kinetic(q, rate) - self.kinetic(q, unit))
+            return np.asarray(
+                self.kinetic(q, rate + unit) - self.kinetic(q, rate) - self.kinetic(q, unit)
+            )
 
         return np.array([one(unit) for unit in np.eye(3)])
 
     def torques(
-        self, q: Coordinates, rate: Coordinates, acceleration: Coordinates, force: Coordinates, torque: float
+        self,
+        q: Coordinates,
+        rate: Coordinates,
+        acceleration: Coordinates,
+        force: Coordinates,
+        torque: float,
     ) -> Coordinates:
         """What acts along the coordinates beside gravity, and a force and a torque [N m] on the foot at the ankle."""
         found, nothing = derivative(self.momenta, [q, rate], [rate, acceleration]), np.zeros(3)
@@ -104,7 +129,12 @@ class Chain:
         return found
 
     def holds(
-        self, q: Coordinates, rate: Coordinates, acceleration: Coordinates, force: Coordinates, torque: float
+        self,
+        q: Coordinates,
+        rate: Coordinates,
+        acceleration: Coordinates,
+        force: Coordinates,
+        torque: float,
     ) -> Holds:
         """Moments by virtual work; compression by Newton's law for shank and foot."""
         _, flexing, dorsiflexing = self.torques(q, rate, acceleration, force, torque)
@@ -116,4 +146,6 @@ class Chain:
         weight = np.array([0.0, -GRAVITY * sum(mass for mass, *_ in self.bodies[1:])])
         from_thigh = derivative(momentum, [q, rate], [rate, acceleration]) - weight - force
         shank = turned("shank", q)
-        return Holds(-flexing, -dorsiflexing, float(from_thigh @ np.array([np.sin(shank), -np.cos(shank)])))
+        return Holds(
+            -flexing, -dorsiflexing, float(from_thigh @ np.array([np.sin(shank), -np.cos(shank)]))
+        )

@@ -23,7 +23,16 @@ from knee_contact_ros.joint_reaction.leg import (
     net_moments,
 )
 from knee_contact_ros.model.types import Status
-from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, STANDING_STILL, angles, ground, motion
+from tests.joint_reaction.examples import (
+    EPOCH,
+    LEG,
+    MS,
+    PERSON,
+    STANDING_STILL,
+    angles,
+    ground,
+    motion,
+)
 from tests.joint_reaction.lagrange import Chain
 
 WINDOW = 0.05
@@ -47,27 +56,42 @@ class Seeing:
 @pytest.mark.parametrize(
     ("flexion", "force", "extension"),
     [
-        (math.pi / 3.0, 500.0, 0.6 * 500.0 * 0.5 * 0.246 * 1.8),  # half a shank off the line from hip to ankle
+        (
+            math.pi / 3.0,
+            500.0,
+            0.6 * 500.0 * 0.5 * 0.246 * 1.8,
+        ),  # half a shank off the line from hip to ankle
         (0.0, 700.0, 0.0),
         (-0.1, 700.0, 0.0),
         (1.0, 0.0, 0.0),
         (1.0, -5.0, 0.0),
     ],
 )
-def test_the_weight_above_a_bent_knee_by_hand(flexion: float, force: float, extension: float) -> None:
+def test_the_weight_above_a_bent_knee_by_hand(
+    flexion: float, force: float, extension: float
+) -> None:
     under = Ground((0.0, force, 0.0), NOT_MEASURED)
-    found = LEVELS["ground_force"].dynamics(LEG, Joints(flexion, UNKNOWN, UNKNOWN), STANDING_STILL, under)
+    found = LEVELS["ground_force"].dynamics(
+        LEG, Joints(flexion, UNKNOWN, UNKNOWN), STANDING_STILL, under
+    )
     compression = max(force, 0.0) - 0.061 * 75.0 * 9.80665  # without shank and foot
     expected = (extension, UNKNOWN, compression, UNKNOWN)
     assert found == pytest.approx(expected, abs=FEW, nan_ok=True)
     turning = STANDING_STILL._replace(
         flexion=Turning(3.0, 100.0)
     )  # half of it stopped by flexors, where nothing is borne
-    stopped = LEVELS["ground_force"].dynamics(LEG, Joints(flexion, UNKNOWN, UNKNOWN), turning, under)
-    inertia = 0.0465 * 75.0 * (0.302**2 + 0.433**2) * (0.246 * 1.8) ** 2 + 0.0145 * 75.0 * (0.246 * 1.8) ** 2
+    stopped = LEVELS["ground_force"].dynamics(
+        LEG, Joints(flexion, UNKNOWN, UNKNOWN), turning, under
+    )
+    inertia = (
+        0.0465 * 75.0 * (0.302**2 + 0.433**2) * (0.246 * 1.8) ** 2
+        + 0.0145 * 75.0 * (0.246 * 1.8) ** 2
+    )
     inertia += 0.0145 * 75.0 * 0.475**2 * ((0.5 * 0.152 * 1.8) ** 2 + (0.039 * 1.8) ** 2)
     free = 1.0 - max(force, 0.0) / (75.0 * 9.80665)
-    assert found.extension - stopped.extension == pytest.approx(0.5 * inertia * 100.0 * free, rel=1e-9)
+    assert found.extension - stopped.extension == pytest.approx(
+        0.5 * inertia * 100.0 * free, rel=1e-9
+    )
 
 
 @given(draw=draws)
@@ -76,7 +100,10 @@ def test_what_each_level_looks_at(draw: Random) -> None:
 
     def by(level: str, joints: Joints, moving: Motion = moving, sensed: Ground = sensed) -> Any:
         """What is not a number, as a text."""
-        return [each if math.isfinite(each) else "?" for each in LEVELS[level].dynamics(LEG, joints, moving, sensed)]
+        return [
+            each if math.isfinite(each) else "?"
+            for each in LEVELS[level].dynamics(LEG, joints, moving, sensed)
+        ]
 
     bare = (
         Joints(joints.flexion, UNKNOWN, UNKNOWN),
@@ -88,30 +115,46 @@ def test_what_each_level_looks_at(draw: Random) -> None:
         LEG, joints._replace(ankle=0.0), moving._replace(ankle=STANDING), sensed
     )
     for ankle in (joints.ankle, UNKNOWN):  # foot and shank are one body, whatever the ankle does
-        assert by("knee_moment", joints._replace(ankle=ankle)) == [extension, "?", compression, frontal]
+        assert by("knee_moment", joints._replace(ankle=ankle)) == [
+            extension,
+            "?",
+            compression,
+            frontal,
+        ]
     flat = joints._replace(hip=UNKNOWN)
     extension, _, compression, frontal = net_moments(LEG, flat, moving, sensed)
     assert by("knee_moment", flat) == [extension, "?", compression, frontal]
     assert by("ankle_moment", joints) == list(net_moments(LEG, joints, moving, sensed))
 
 
-@pytest.mark.parametrize(("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)])
+@pytest.mark.parametrize(
+    ("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)]
+)
 def test_what_is_passed_through_and_how_far_it_is_trusted(level: str, number: int) -> None:
     weight, error = 75.0 * 9.80665, LEVELS[level]
     for calibrated, measured in ((False, error.uncalibrated), (True, error.calibrated)):
-        for given_deviation, floor, part in ((0.0, measured.floor, measured.part), (0.2, 0.2, 0.0)):
+        for given_deviation, floor, part in (
+            (0.0, measured.floor, measured.part),
+            (0.2, 0.2, 0.0),
+        ):
             trusted = Seeing(level, calibrated, given_deviation)
             found = trusted.at(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
             assert (found.flexion_angle, found.assistance) == (0.4, 12.5)
             assert (found.level, found.calibrated, found.status) == (number, calibrated, 17)
             expected = math.sqrt((floor * weight) ** 2 + (part * found.axial_force) ** 2)
-            assert found.standard_deviation == pytest.approx(expected, rel=4e-15)  # products in another order
+            assert found.standard_deviation == pytest.approx(
+                expected, rel=4e-15
+            )  # products in another order
 
 
 ANKLE = {"ankle_moment"}
 KNEE = {"axial_force", "standard_deviation", "quadriceps_force", "knee_moment", "frontal_moment"}
 FULL, TORQUE = Joints(0.4, 0.2, 0.1), STANCE.torque
-NO_HIP, NO_ANKLE, ALONE = FULL._replace(hip=UNKNOWN), FULL._replace(ankle=UNKNOWN), Joints(0.4, UNKNOWN, UNKNOWN)
+NO_HIP, NO_ANKLE, ALONE = (
+    FULL._replace(hip=UNKNOWN),
+    FULL._replace(ankle=UNKNOWN),
+    Joints(0.4, UNKNOWN, UNKNOWN),
+)
 
 
 @pytest.mark.parametrize(
@@ -129,26 +172,39 @@ NO_HIP, NO_ANKLE, ALONE = FULL._replace(hip=UNKNOWN), FULL._replace(ankle=UNKNOW
         ("ankle_moment", NO_ANKLE, TORQUE, set()),
     ],
 )
-def test_what_is_not_known_is_not_a_number(level: str, joints: Joints, torque: Any, unknown: set[str]) -> None:
+def test_what_is_not_known_is_not_a_number(
+    level: str, joints: Joints, torque: Any, unknown: set[str]
+) -> None:
     told = Seeing(level)
     for number in range(100):
         found = told.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
         if number in (0, 99):
-            assert {name for name, value in found._asdict().items() if math.isnan(value)} == unknown
-    assert (found.gastrocnemius_force > 100.0) == (level == "ankle_moment")  # asked for where the ankle is known
+            assert {
+                name for name, value in found._asdict().items() if math.isnan(value)
+            } == unknown
+    assert (found.gastrocnemius_force > 100.0) == (
+        level == "ankle_moment"
+    )  # asked for where the ankle is known
 
 
 @given(draw=draws)
 def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw: Random) -> None:
     """Parabolas: the angles of now, the rates of half a window before."""
-    curves = np.array([[draw.uniform(-0.5, 0.5), draw.uniform(-5.0, 5.0), draw.uniform(-60.0, 60.0)] for _ in range(3)])
+    curves = np.array(
+        [
+            [draw.uniform(-0.5, 0.5), draw.uniform(-5.0, 5.0), draw.uniform(-60.0, 60.0)]
+            for _ in range(3)
+        ]
+    )
     sensed, one = ground(draw), Seeing("ankle_moment")
     for number in range(-50, 1):
         time = 1e-3 * number
         hip, flexion, ankle = (curves @ (1.0, time, 0.5 * time * time)).tolist()
         found = one.at(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
     rates = curves[:, 1] - 0.5 * WINDOW * curves[:, 2]
-    expected = Chain(LEG).holds(curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2])
+    expected = Chain(LEG).holds(
+        curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2]
+    )
     # Accelerations to 4e-9 rad/s^2 (`test_leg.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
     told = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
     assert told == pytest.approx(expected, abs=2e-8)
@@ -168,7 +224,9 @@ SECOND = 1000 * MS
         (0.7, 2.3, True),  # running
     ],
 )
-def test_movements_without_constants_are_doubtful_for_a_stride(flexion: float, force: float, marked: bool) -> None:
+def test_movements_without_constants_are_doubtful_for_a_stride(
+    flexion: float, force: float, marked: bool
+) -> None:
     weight, one = PERSON.weight, Seeing("ground_force")
 
     def status(stamp: int, flexion: float, force: float) -> int:
@@ -183,7 +241,8 @@ def test_movements_without_constants_are_doubtful_for_a_stride(flexion: float, f
 def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not() -> None:
     still, one = Joints(1.2, UNKNOWN, UNKNOWN), Seeing("ground_force")
     found = [
-        one.at(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status for number in range(6)
+        one.at(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status
+        for number in range(6)
     ]
     assert found == [0] * 4 + [Status.DOUBTFUL_LOAD] * 2
     assert one.at(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status == 0

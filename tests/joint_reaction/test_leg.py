@@ -24,7 +24,16 @@ from knee_contact_ros.joint_reaction.leg import (
     leg_of,
     net_moments,
 )
-from tests.joint_reaction.examples import EPOCH, LEG, MS, STANDING_STILL, angles, ground, motion, walking
+from tests.joint_reaction.examples import (
+    EPOCH,
+    LEG,
+    MS,
+    STANDING_STILL,
+    angles,
+    ground,
+    motion,
+    walking,
+)
 from tests.joint_reaction.lagrange import Chain, Holds
 
 AIR = Ground((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -45,8 +54,19 @@ bodies = st.builds(leg_of, st.floats(30.0, 200.0), st.floats(1.2, 2.2))
 def test_a_leg_of_100_kg_and_2_m() -> None:
     """Winter 2009: table 4.1 (leg and foot; the foot from ankle to second metatarsal), figure 4.1 (lengths)."""
     foot = (0.152**2 + 0.078**2) ** 0.5  # [m] half a foot's length ahead, an ankle's height down
-    expected = (980.665, 0.490, 0.492, 0.016, 4.65, 0.433 * 0.492, 4.65 * (0.302 * 0.492) ** 2, 1.45, 0.076, 0.039,
-                1.45 * (0.475 * foot) ** 2)  # fmt: skip
+    expected = (
+        980.665,
+        0.490,
+        0.492,
+        0.016,
+        4.65,
+        0.433 * 0.492,
+        4.65 * (0.302 * 0.492) ** 2,
+        1.45,
+        0.076,
+        0.039,
+        1.45 * (0.475 * foot) ** 2,
+    )
     assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
 
@@ -72,10 +92,15 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
     flat = joints._replace(hip=joints.flexion - joints.ankle)  # shank + ankle: 0
     for found, expected in (
         ((joints, moving), (joints, moving)),
-        ((joints._replace(ankle=UNKNOWN), moving), (joints._replace(ankle=0.0), moving._replace(ankle=STANDING))),
+        (
+            (joints._replace(ankle=UNKNOWN), moving),
+            (joints._replace(ankle=0.0), moving._replace(ankle=STANDING)),
+        ),
         ((joints._replace(hip=UNKNOWN), moving), (flat, STANDING_STILL)),
     ):
-        assert net_moments(leg, *found, under)[:3] == pytest.approx(by_lagrange(leg, *expected, under), abs=ROUNDINGS)
+        assert net_moments(leg, *found, under)[:3] == pytest.approx(
+            by_lagrange(leg, *expected, under), abs=ROUNDINGS
+        )
     alone = net_moments(leg, joints._replace(hip=UNKNOWN), moving, under)
     assert alone.frontal == pytest.approx(still(flat, under, leg).frontal, abs=FEW)
 
@@ -84,10 +109,15 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
 def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw: Random) -> None:
     joints, (force, torque) = angles(draw), ground(draw)
     shank = joints.hip - joints.flexion
-    down, forward = [math.sin(shank), -math.cos(shank), 0.0], [math.cos(shank), math.sin(shank), 0.0]
+    down, forward = (
+        [math.sin(shank), -math.cos(shank), 0.0],
+        [math.cos(shank), math.sin(shank), 0.0],
+    )
     ankle = LEG.shank_length * np.array(down) - np.array([0.0, 0.0, LEG.knee_offset])
     moment = np.array(torque) + np.cross(ankle, force)
-    assert still(joints, Ground(force, torque)).frontal == pytest.approx(-float(moment @ forward), abs=FEW)
+    assert still(joints, Ground(force, torque)).frontal == pytest.approx(
+        -float(moment @ forward), abs=FEW
+    )
 
 
 def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
@@ -106,7 +136,9 @@ def assert_fitted(found: Motion, samples: Samples, window: float = WINDOW) -> No
     times = np.array([1e-9 * (stamp - samples[0][0]) for stamp, _ in samples])
     times -= times.mean()
     scale = float(np.abs(times).max())
-    for turning, angle in zip(found, np.array([joints[:3] for _, joints in samples]).T, strict=True):
+    for turning, angle in zip(
+        found, np.array([joints[:3] for _, joints in samples]).T, strict=True
+    ):
         square, slope, _ = np.polyfit(times / scale, angle, 2).tolist()
         assert turning.rate == pytest.approx(slope / scale, abs=FIT / window)
         assert turning.acceleration == pytest.approx(2.0 * square / scale**2, abs=FIT / window**2)
@@ -121,7 +153,9 @@ def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> No
         assert_fitted(found[number], within(samples[: number + 1], round(1e9 * window)), window)
 
 
-@pytest.mark.parametrize(("step", "shaken"), [(MS, 0.0), (MS, 0.9), (7 * MS, 0.5), (MS // 40, 0.0), (MS // 40, 0.9)])
+@pytest.mark.parametrize(
+    ("step", "shaken"), [(MS, 0.0), (MS, 0.9), (7 * MS, 0.5), (MS // 40, 0.0), (MS // 40, 0.9)]
+)
 def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) -> None:
     """However long the stream has run, and whatever came before: no sum goes on from one stamp to the next."""
     samples = walking(3000, step, shaken)
@@ -139,7 +173,9 @@ def test_it_forgets_when_told_and_after_a_pause() -> None:
     for sample in samples:
         told.see(*sample)
     told.forget()
-    earlier, later = ([(stamp + shift * MS, joints) for stamp, joints in samples] for shift in (-3000, 60000))
+    earlier, later = (
+        [(stamp + shift * MS, joints) for stamp, joints in samples] for shift in (-3000, 60000)
+    )
     assert [told.see(*sample) for sample in [*earlier, *later]] == [*along(earlier), *along(later)]
 
 
@@ -152,18 +188,24 @@ def test_it_forgets_when_told_and_after_a_pause() -> None:
     ],
 )
 def test_it_is_still_until_enough_is_known(samples: Samples, still: int) -> None:
-    assert [motion == STILL for motion in along(samples)] == [True] * still + [False] * (len(samples) - still)
+    assert [motion == STILL for motion in along(samples)] == [True] * still + [False] * (
+        len(samples) - still
+    )
     assert set(along(samples, 0.0)) == {STILL}
 
 
 @pytest.mark.parametrize("missing", [("hip",), ("ankle",), ("hip", "ankle")])
 @pytest.mark.parametrize("one", [True, False])
-def test_a_joint_that_is_not_measured_stands_and_harms_no_other(missing: tuple[str, ...], one: bool) -> None:
+def test_a_joint_that_is_not_measured_stands_and_harms_no_other(
+    missing: tuple[str, ...], one: bool
+) -> None:
     """One angle that is missing is forgotten with its window."""
     samples = walking(200)
     known = [one and number != 100 for number in range(200)]
-    seen = [each if there else (each[0], each[1]._replace(**dict.fromkeys(missing, UNKNOWN)))
-            for each, there in zip(samples, known, strict=True)]  # fmt: skip
+    seen = [
+        each if there else (each[0], each[1]._replace(**dict.fromkeys(missing, UNKNOWN)))
+        for each, there in zip(samples, known, strict=True)
+    ]
     standing = dict.fromkeys(missing, STANDING)
     for number, (found, whole) in enumerate(zip(along(seen), along(samples), strict=True)):
         assert found == (whole if one and not 100 <= number <= 150 else whole._replace(**standing))

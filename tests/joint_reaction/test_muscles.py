@@ -16,9 +16,21 @@ from knee_contact_ros.joint_reaction.muscles import Lag, Muscles, arm, muscles_o
 from tests.joint_reaction.examples import PERSON
 
 MUSCLES = {
-    "quadriceps": (package.QUADRICEPS, (-10.0, 110.0), {0: 44.63, 30: 45.84, 60: 37.52, 90: 27.32}),
-    "hamstrings": (package.HAMSTRINGS, (-10.0, 110.0), {0: 26.16, 30: 34.25, 60: 31.20, 90: 18.83}),
-    "gastrocnemius": (package.GASTROCNEMIUS, (-10.0, 110.0), {0: 22.20, 30: 20.92, 60: 17.74, 90: 13.73}),
+    "quadriceps": (
+        package.QUADRICEPS,
+        (-10.0, 110.0),
+        {0: 44.63, 30: 45.84, 60: 37.52, 90: 27.32},
+    ),
+    "hamstrings": (
+        package.HAMSTRINGS,
+        (-10.0, 110.0),
+        {0: 26.16, 30: 34.25, 60: 31.20, 90: 18.83},
+    ),
+    "gastrocnemius": (
+        package.GASTROCNEMIUS,
+        (-10.0, 110.0),
+        {0: 22.20, 30: 20.92, 60: 17.74, 90: 13.73},
+    ),
     "achilles": (package.ACHILLES, (-30.0, 25.0), {-20: 47.82, -10: 47.40, 0: 45.73, 20: 38.67}),
 }
 """Coefficients, range [deg], and arms [mm] at angles [deg]; each is a sum of powers, by hand"""
@@ -34,14 +46,18 @@ scales = st.floats(0.7, 1.4)
 def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> None:
     coefficients, span, known = MUSCLES[name]
     for degrees, millimetres in known.items():  # with two decimals
-        assert 1e3 * arm(coefficients, math.radians(degrees)) == pytest.approx(millimetres, abs=0.0051)
+        assert 1e3 * arm(coefficients, math.radians(degrees)) == pytest.approx(
+            millimetres, abs=0.0051
+        )
     for angle in np.linspace(*np.radians(span), 200)[1:-1].tolist():
         expected = float(np.polynomial.polynomial.polyval(angle, coefficients))
         assert arm(coefficients, angle) == pytest.approx(expected, rel=1e-14)  # roundings
         assert 0.005 < arm(coefficients, angle) < 0.06
     for end, sign in zip(np.radians(span).tolist(), (-1.0, 1.0), strict=True):
         # the end is told with four decimals of a radian, and no arm changes by more than 0.05 m/rad
-        assert arm(coefficients, end + sign) == pytest.approx(arm(coefficients, end), abs=0.05 * 5e-5)
+        assert arm(coefficients, end + sign) == pytest.approx(
+            arm(coefficients, end), abs=0.05 * 5e-5
+        )
         assert arm(coefficients, end + 9.0 * sign) == arm(coefficients, end + sign)
 
 
@@ -54,11 +70,17 @@ class Arms(NamedTuple):
 
     def moment(self, muscles: Muscles) -> float:
         extension = self.quadriceps * muscles.quadriceps
-        return extension - self.hamstrings * muscles.hamstrings - self.gastrocnemius * muscles.gastrocnemius
+        return (
+            extension
+            - self.hamstrings * muscles.hamstrings
+            - self.gastrocnemius * muscles.gastrocnemius
+        )
 
     def at_rest(self, gastrocnemius: float, floor: float) -> float:
         """The moment that antagonists alone make, with no more than the floor: where the sides change."""
-        return self.moment(Muscles(0.5 * floor, max(0.5 * floor - gastrocnemius, 0.0), gastrocnemius))
+        return self.moment(
+            Muscles(0.5 * floor, max(0.5 * floor - gastrocnemius, 0.0), gastrocnemius)
+        )
 
 
 def arms(flexion: float, scale: float = 1.0) -> Arms:
@@ -97,7 +119,11 @@ def test_the_lag_is_that_of_a_first_order_at_any_rate(step: int) -> None:
         found = lag.at(stamp, Muscles(200.0 + 1e-6 * stamp, 0.0, 0.0), 0.025).quadriceps
         expected = 200.0 + 1e-6 * stamp - 25.0 * (1.0 - math.exp(-1e-9 * stamp / 0.025))
         assert found == pytest.approx(expected, rel=1e-9)  # sums of up to 7000 roundings
-    assert lag.at(stamp, Muscles(7.0, 8.0, 9.0), 0.025) == (7.0, 8.0, 9.0)  # a stamp that is not later begins anew
+    assert lag.at(stamp, Muscles(7.0, 8.0, 9.0), 0.025) == (
+        7.0,
+        8.0,
+        9.0,
+    )  # a stamp that is not later begins anew
     assert lag.at(stamp + MS, Muscles(1.0, 2.0, 3.0), 0.0) == (1.0, 2.0, 3.0)
     lag.forget()
     assert lag.at(stamp + 2 * MS, Muscles(4.0, 5.0, 6.0), 0.025) == (4.0, 5.0, 6.0)
@@ -108,9 +134,13 @@ def test_the_gastrocnemius_by_hand() -> None:
 
     def calf(moment: float, ankle: float, scale: float = 1.0) -> float:
         person = PERSON._replace(moment_arm_scale=scale)
-        return reaction_of(person, Joints(0.3, 0.1, ankle), net(0.0, moment), 500.0).muscles.gastrocnemius
+        return reaction_of(
+            person, Joints(0.3, 0.1, ankle), net(0.0, moment), 500.0
+        ).muscles.gastrocnemius
 
-    assert calf(100.0, 0.0) == calf(100.0, math.nan) == pytest.approx(34.2 / 0.04573, rel=ROUNDINGS)
+    assert (
+        calf(100.0, 0.0) == calf(100.0, math.nan) == pytest.approx(34.2 / 0.04573, rel=ROUNDINGS)
+    )
     assert calf(100.0, 0.0, 0.9) == pytest.approx(38.0 / 0.04573, rel=ROUNDINGS)
     dorsiflexed = 0.04573 - 0.01311 * 0.3 - 0.02042 * 0.09
     assert calf(100.0, 0.3) == pytest.approx(34.2 / dorsiflexed, rel=ROUNDINGS)
@@ -122,14 +152,24 @@ def net(extension: float, plantarflexion: float, compression: float = 400.0) -> 
     return NetMoments(extension, plantarflexion, compression, 0.0)
 
 
-@given(extension=moments, plantarflexion=moments, knee=moments, ankle=moments, flexion=st.floats(0.0, 1.5))
+@given(
+    extension=moments,
+    plantarflexion=moments,
+    knee=moments,
+    ankle=moments,
+    flexion=st.floats(0.0, 1.5),
+)
 def test_what_an_actuator_takes_is_as_if_it_were_not_asked_for(
     extension: float, plantarflexion: float, knee: float, ankle: float, flexion: float
 ) -> None:
     """One that takes all leaves the floor."""
     joints, asked = Joints(flexion, 0.1, 0.1), net(extension, plantarflexion)
-    helped = reaction_of(PERSON, joints._replace(knee_assistance=knee, ankle_assistance=ankle), asked, 500.0)
-    assert helped == reaction_of(PERSON, joints, net(extension - knee, plantarflexion - ankle), 500.0)
+    helped = reaction_of(
+        PERSON, joints._replace(knee_assistance=knee, ankle_assistance=ankle), asked, 500.0
+    )
+    assert helped == reaction_of(
+        PERSON, joints, net(extension - knee, plantarflexion - ankle), 500.0
+    )
     assert helped.axial == pytest.approx(400.0 + sum(helped.muscles), rel=ROUNDINGS)
     floor = 0.2 * 500.0 + 0.05 * WEIGHT
     assert helped.muscles.total >= floor * (1.0 - ROUNDINGS)

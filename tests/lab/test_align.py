@@ -20,7 +20,9 @@ from tests.lab.trials import DELAY, MAP, OFFSET, cells, flexion, write_csv, writ
 
 
 def series(time: Floats, degrees: Floats) -> Series:
-    return Series("angle", Path("a.csv"), "a", np.rint(1e9 * time).astype(np.int64), np.radians(degrees))
+    return Series(
+        "angle", Path("a.csv"), "a", np.rint(1e9 * time).astype(np.int64), np.radians(degrees)
+    )
 
 
 def found(
@@ -33,7 +35,11 @@ def found(
 ) -> Alignment:
     """What is found of a sensor at 148 Hz that is off, against a reference at 100 Hz."""
     time, known = np.arange(0.0, seconds, 1.0 / 148.0), np.arange(0.0, seconds, 0.01)
-    sensor = gain * flexion(time - lag) - offset + noise * np.random.default_rng(seed).normal(size=len(time))
+    sensor = (
+        gain * flexion(time - lag)
+        - offset
+        + noise * np.random.default_rng(seed).normal(size=len(time))
+    )
     return aligned(series(time, sensor), series(known, flexion(known)), 0.25, 0.1)
 
 
@@ -58,29 +64,47 @@ def test_intervals_hold_what_was_put_in_as_often_as_they_say() -> None:
         assert held >= 25, (name, held)
         widths = np.array([high - low for low, high in bounds])
         error = np.std([getattr(got, name).value for got in tries])
-        assert 2.0 * 1.5 * error < np.median(widths) < 2.0 * 3.0 * error, name  # 1.96 if it were normal
+        assert 2.0 * 1.5 * error < np.median(widths) < 2.0 * 3.0 * error, (
+            name
+        )  # 1.96 if it were normal
 
 
 def test_gaps_of_the_reference_tell_nothing() -> None:
     time, known = np.arange(0.0, 12.0, 1.0 / 148.0), np.arange(0.0, 12.0, 0.01)
     known = known[(known < 4.0) | (known > 5.5)]
-    got = aligned(series(time, flexion(time - 0.02) + 5.0), series(known, flexion(known)), 0.25, 0.1)
+    got = aligned(
+        series(time, flexion(time - 0.02) + 5.0), series(known, flexion(known)), 0.25, 0.1
+    )
     assert got.lag.value == pytest.approx(0.02, abs=2e-5)
 
 
 @pytest.mark.parametrize(
     ("sensor", "words"),
     [
-        (lambda t: -flexion(t), r"correlate with r = .* but in opposite directions with 1\.00: is a sign turned\?"),
-        (lambda t: np.random.default_rng(1).normal(size=len(t)), "are both of one knee, in one time"),
+        (
+            lambda t: -flexion(t),
+            r"correlate with r = .* but in opposite directions with 1\.00: is a sign turned\?",
+        ),
+        (
+            lambda t: np.random.default_rng(1).normal(size=len(t)),
+            "are both of one knee, in one time",
+        ),
         (lambda t: flexion(t - 0.3), "fit best at the longest lag tried, 0.25 s|r = 0"),
         (lambda t: np.zeros(len(t)), "correlate with r = 0.00"),
-        (lambda t: np.degrees(flexion(t - 0.02)), r"moves 57\.3 times as far as .*: are both units right\?"),
-        (lambda t: np.radians(flexion(t - 0.02)), r"moves 0\.0175 times as far as .*: are both units right\?"),
+        (
+            lambda t: np.degrees(flexion(t - 0.02)),
+            r"moves 57\.3 times as far as .*: are both units right\?",
+        ),
+        (
+            lambda t: np.radians(flexion(t - 0.02)),
+            r"moves 0\.0175 times as far as .*: are both units right\?",
+        ),
         (None, "have 0 rows in common"),
     ],
 )
-def test_angles_that_do_not_go_together_are_told(sensor: Callable[[Floats], Floats] | None, words: str) -> None:
+def test_angles_that_do_not_go_together_are_told(
+    sensor: Callable[[Floats], Floats] | None, words: str
+) -> None:
     """Of a sensor, or of one that measured at another time."""
     time = np.arange(0.0, 10.0, 0.01)
     measured = series(time, sensor(time)) if sensor else series(time + 30.0, flexion(time))
@@ -115,10 +139,22 @@ def test_the_command_writes_parameters_that_make_the_sensor_right(
     assert "exists already" in capsys.readouterr().err
 
 
-def test_the_command_tells_a_gain_and_what_makes_up_for_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_tells_a_gain_and_what_makes_up_for_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     moved, tray, map_file = write_trial(tmp_path, noise=0.5)
-    map_file.write_text(MAP.replace("goniometer_deg, unit: deg", "goniometer_deg, unit: deg, scale: 0.8"))
-    arguments = ["align", str(moved), str(tray), "--map", str(map_file), "--output", str(tmp_path / "align.yaml")]
+    map_file.write_text(
+        MAP.replace("goniometer_deg, unit: deg", "goniometer_deg, unit: deg, scale: 0.8")
+    )
+    arguments = [
+        "align",
+        str(moved),
+        str(tray),
+        "--map",
+        str(map_file),
+        "--output",
+        str(tmp_path / "align.yaml"),
+    ]
     assert main(arguments) == 0
     told = re.search(r"angle\.scale ([0-9.]+) in the map", capsys.readouterr().err)
     assert told
@@ -141,10 +177,15 @@ def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
 ) -> None:
     """Whatever the map does to the angle, a raw sensor that is `weight` times the goniometer needs the same offset."""
     moved, tray, map_file = write_trial(tmp_path)
-    map_file.write_text(MAP.replace("goniometer_deg, unit: deg", f"goniometer_deg, unit: deg, {entries}"))
+    map_file.write_text(
+        MAP.replace("goniometer_deg, unit: deg", f"goniometer_deg, unit: deg, {entries}")
+    )
     write_csv(tray, {**cells(), "goniometer_deg": weight * cells()["goniometer_deg"]})
     overlay = tmp_path / "align.yaml"
-    assert main(["align", str(moved), str(tray), "--map", str(map_file), "--output", str(overlay)]) == 0
+    assert (
+        main(["align", str(moved), str(tray), "--map", str(map_file), "--output", str(overlay)])
+        == 0
+    )
     text = overlay.read_text()
     said = re.search(r"live node.* knee.flexion_sign: (\S+), knee.flexion_offset: (\S+)\.\n", text)
     assert ("do not use this file for a live node" in text) == (live == ())
@@ -154,16 +195,34 @@ def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
         assert (sign, math.degrees(offset)) == (live[0], pytest.approx(live[1], abs=0.1))
 
 
-def test_a_map_without_a_reference_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_map_without_a_reference_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, tray, map_file = write_trial(tmp_path)
     map_file.write_text("time: {column: time_s}\nangle: {column: goniometer_deg, unit: deg}\n")
-    assert main(["align", str(tray), "--map", str(map_file), "--output", str(tmp_path / "align.yaml")]) == 2
+    assert (
+        main(
+            ["align", str(tray), "--map", str(map_file), "--output", str(tmp_path / "align.yaml")]
+        )
+        == 2
+    )
     assert "reference: is missing" in capsys.readouterr().err
-    write_csv(tmp_path / "r.csv", {"time_s": np.arange(500) / 100.0, "knee_flexion_deg": 100.0 * np.arange(500.0)})
+    write_csv(
+        tmp_path / "r.csv",
+        {"time_s": np.arange(500) / 100.0, "knee_flexion_deg": 100.0 * np.arange(500.0)},
+    )
     map_file.write_text(MAP)
     assert (
         main(
-            ["align", str(tray), str(tmp_path / "r.csv"), "--map", str(map_file), "--output", str(tmp_path / "a.yaml")]
+            [
+                "align",
+                str(tray),
+                str(tmp_path / "r.csv"),
+                "--map",
+                str(map_file),
+                "--output",
+                str(tmp_path / "a.yaml"),
+            ]
         )
         == 2
     )

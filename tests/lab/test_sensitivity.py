@@ -26,7 +26,10 @@ CUBE = {name: [-math.pi, math.pi] for name in ("a", "b", "c")}
 A, B = 7.0, 0.1
 """Constants of Ishigami's function, as SALib has them"""
 EXPONENT = 1.5
-RANGES = {"contact.stiffness": [5e7, 1e8], "contact.layer_depth": {"from": 2e-4, "to": 8e-4, "scale": "log"}}
+RANGES = {
+    "contact.stiffness": [5e7, 1e8],
+    "contact.layer_depth": {"from": 2e-4, "to": 8e-4, "scale": "log"},
+}
 QUICK = {"fidelity.level": "quasi_static"}
 Capture = pytest.CaptureFixture[str]
 
@@ -37,13 +40,17 @@ def ishigami(design: SalibDesign) -> np.ndarray:
 
 
 def test_morris_finds_what_bends_and_what_is_straight() -> None:
-    design = SalibDesign(method="morris", n=40, ranges={"a": [0.0, 2.0], "b": [0.0, 1.0], "c": [0.0, 1.0]})
+    design = SalibDesign(
+        method="morris", n=40, ranges={"a": [0.0, 2.0], "b": [0.0, 1.0], "c": [0.0, 1.0]}
+    )
     a, b, _ = design.points().T
     found = analyse(design, "peak_depth", 3.0 * a - 4.0 * b**2)
     sizes, means, deviations = map(found.final, ("mu_star", "mu", "sigma"))
     assert sizes["value"]["a"] == pytest.approx(6.0)  # over its whole range
     assert sizes["value"]["c"] == 0.0
-    assert sizes["low"]["b"] <= 4.0 <= sizes["high"]["b"]  # the mean slope of a square over steps of 2/3, of 0 and 1/3
+    assert (
+        sizes["low"]["b"] <= 4.0 <= sizes["high"]["b"]
+    )  # the mean slope of a square over steps of 2/3, of 0 and 1/3
     assert deviations["value"]["a"] == pytest.approx(0.0, abs=1e-9)
     assert deviations["value"]["b"] > 0.5
     assert means["value"]["a"] > 0.0 > means["value"]["b"]
@@ -57,21 +64,41 @@ def mean_power(begin: float, end: float, power: float) -> float:
 def test_a_depth_at_rest_has_the_indices_of_its_power_law() -> None:
     """depth = (share L / K)^(1/n), a product of independent factors x^a, x evenly in the logarithm."""
     ends = {"contact.stiffness": (4e7, 1.2e8), "load.share": (0.4, 0.8)}
-    ranges = {name: {"from": begin, "to": end, "scale": "log"} for name, (begin, end) in ends.items()}
+    ranges = {
+        name: {"from": begin, "to": end, "scale": "log"} for name, (begin, end) in ends.items()
+    }
     gait = {"time": [0.0, 0.01], "flexion_angle": [0.2, 0.2], "axial_load": [1500.0, 1500.0]}
-    params = {"contact.law": "hertz", "contact.exponent": EXPONENT, "fidelity.level": "quasi_static"}
+    params = {
+        "contact.law": "hertz",
+        "contact.exponent": EXPONENT,
+        "fidelity.level": "quasi_static",
+    }
     found = knee_contact_ros.sensitivity(gait, ranges, params, n=512, outcomes=["peak_depth"])
     rows = found.cohort
-    expected = (1500.0 * rows.values["load.share"] / rows.values["contact.stiffness"]) ** (1.0 / EXPONENT)
+    expected = (1500.0 * rows.values["load.share"] / rows.values["contact.stiffness"]) ** (
+        1.0 / EXPONENT
+    )
     assert rows.outcomes.peak_depth == pytest.approx(expected, abs=1e-6)  # the tolerance
 
     spread = {}
-    for (name, (begin, end)), power in zip(ends.items(), (-1.0 / EXPONENT, 1.0 / EXPONENT), strict=True):
-        spread[name] = mean_power(begin, end, 2.0 * power) / mean_power(begin, end, power) ** 2 - 1.0
+    for (name, (begin, end)), power in zip(
+        ends.items(), (-1.0 / EXPONENT, 1.0 / EXPONENT), strict=True
+    ):
+        spread[name] = (
+            mean_power(begin, end, 2.0 * power) / mean_power(begin, end, power) ** 2 - 1.0
+        )
     whole = (1.0 + spread["contact.stiffness"]) * (1.0 + spread["load.share"]) - 1.0
     alone = found.outcomes["peak_depth"].final("S1").loc["contact.stiffness"]
     assert alone["low"] <= spread["contact.stiffness"] / whole <= alone["high"]
-    assert list(found.to_pandas().columns) == ["outcome", "parameter", "index", "n", "value", "low", "high"]
+    assert list(found.to_pandas().columns) == [
+        "outcome",
+        "parameter",
+        "index",
+        "n",
+        "value",
+        "low",
+        "high",
+    ]
 
 
 def test_failed_cases_constant_outcomes_and_noise_have_no_index() -> None:
@@ -101,7 +128,10 @@ def test_what_has_not_converged_is_told() -> None:
     assert "not converged: the interval of the largest index" in told[0]
     assert "may do" in told[0]
     noisy = analyse(design, "peak_depth", ishigami(design), 0.5 * float(ishigami(design).std()))
-    assert "the numerical error bound is 50% of the standard deviation" in not_converged(design, noisy)[-1]
+    assert (
+        "the numerical error bound is 50% of the standard deviation"
+        in not_converged(design, noisy)[-1]
+    )
     design = SalibDesign(n=4096, ranges={"a": [0.0, 1.0], "b": [0.0, 0.3]})
     assert not not_converged(design, analyse(design, "peak_depth", design.points() @ [1.0, 1.0]))
 
@@ -109,8 +139,15 @@ def test_what_has_not_converged_is_told() -> None:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """Workers in this process, to save their start."""
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
-                      dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False}) as cluster:  # fmt: skip
+    with LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        scheduler_kwargs={"dashboard": False},
+    ) as cluster:
         yield cluster.scheduler_address
 
 
@@ -127,10 +164,17 @@ def asked(**sensitivity: Any) -> dict[str, Any]:
 
 def run(folder: Path, bag: Path, content: dict[str, Any], scheduler: str) -> int:
     """The command on a study, into `folder / out`."""
-    usual = {"bags": [str(bag)], "params": ["osteoarthritis"], "values": QUICK, "outcomes": ["peak_depth"]}
+    usual = {
+        "bags": [str(bag)],
+        "params": ["osteoarthritis"],
+        "values": QUICK,
+        "outcomes": ["peak_depth"],
+    }
     (folder / "study.yaml").write_text(json.dumps(usual | content))
     output = str(folder / "out")
-    return main(["sensitivity", str(folder / "study.yaml"), "--output", output, "--scheduler", scheduler])
+    return main(
+        ["sensitivity", str(folder / "study.yaml"), "--output", output, "--scheduler", scheduler]
+    )
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -148,7 +192,10 @@ def test_a_study_gives_pictures_and_a_tidy_table(
     assert run(tmp_path, short_bag, content, scheduler) == 0
     told = capsys.readouterr()
     # Of two parameters, A with b is B with a
-    assert "192 cases: 128 computed, 0 were there already, 64 the same as others, 0 failed" in told.out
+    assert (
+        "192 cases: 128 computed, 0 were there already, 64 the same as others, 0 failed"
+        in told.out
+    )
     assert "peak depth, load.share 0.4: contact.layer_depth" in told.out
     assert "warning: peak depth, load.share 0.4: not converged" in told.err
     names = {path.name for path in (tmp_path / "out").iterdir()}
@@ -156,11 +203,17 @@ def test_a_study_gives_pictures_and_a_tidy_table(
     found = rows(tmp_path)
     columns = "bag, params, load.share, outcome, parameter, index, n, value, low, high"
     assert ", ".join(found[0]) == columns
-    for name, values in (("load.share", {"0.4", "1.0"}), ("index", {"S1", "ST", "S2"}), ("n", {"16"})):
+    for name, values in (
+        ("load.share", {"0.4", "1.0"}),
+        ("index", {"S1", "ST", "S2"}),
+        ("n", {"16"}),
+    ):
         assert {row[name] for row in found} == values
     assert all(float(row["low"]) <= float(row["value"]) <= float(row["high"]) for row in found)
     assert run(tmp_path, short_bag, content | asked(n=32, second_order=True), scheduler) == 0
-    assert "384 cases: 128 computed, 128 were there already, 128 the same" in capsys.readouterr().out
+    assert (
+        "384 cases: 128 computed, 128 were there already, 128 the same" in capsys.readouterr().out
+    )
     assert run(tmp_path, short_bag, content | asked(method="morris"), scheduler) == 0
     assert {row["index"] for row in rows(tmp_path)} == {"mu_star", "mu", "sigma"}
 
@@ -193,15 +246,27 @@ def also(name: str, told: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("wrong", "line"),
     [
-        (asked(n=100), "sensitivity.n: 100 is not allowed; with method sobol a power of two, 64 or 128"),
-        (asked(method="morris", second_order=True), "second_order: True is not allowed; it is of method sobol"),
+        (
+            asked(n=100),
+            "sensitivity.n: 100 is not allowed; with method sobol a power of two, 64 or 128",
+        ),
+        (
+            asked(method="morris", second_order=True),
+            "second_order: True is not allowed; it is of method sobol",
+        ),
         (asked(ranges={"load.share": [0.4, 0.8]}), "sensitivity.ranges: {'load.share'"),
         (also("load.share", [0.9, 0.4]), "is not allowed; from < to is required"),
-        (also("fidelity.budget", [0, 9]), "fidelity.budget: a range is not allowed; only a real number can have one"),
+        (
+            also("fidelity.budget", [0, 9]),
+            "fidelity.budget: a range is not allowed; only a real number can have one",
+        ),
         (asked() | {"sample": {"n": 8}}, "is not allowed; sensitivity draws its own points"),
-        (asked() | {"outcomes": ["peak_death"]}, "['peak_death'] is not allowed; some of peak_force, peak_depth"),
+        (
+            asked() | {"outcomes": ["peak_death"]},
+            "['peak_death'] is not allowed; some of peak_force, peak_depth",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_one_line(
     tmp_path: Path, short_bag: Path, wrong: dict[str, Any], line: str, capsys: Capture
 ) -> None:

@@ -28,14 +28,25 @@ def importing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     monkeypatch.chdir(tmp_path)
 
     def run(
-        made: Mapping[str, Any] | bytes | None = None, text: str = MAP, *more: str, files: tuple[Any, ...] = ()
+        made: Mapping[str, Any] | bytes | None = None,
+        text: str = MAP,
+        *more: str,
+        files: tuple[Any, ...] = (),
     ) -> int:
         if isinstance(made, bytes):
             Path("cells.csv").write_bytes(made)
         elif made:
             write_csv(Path("cells.csv"), made)
         Path("map.yaml").write_text(text, encoding="utf-8")
-        return main(["import-csv", *map(str, files or ["cells.csv"]), "--map=map.yaml", "--output=bag", *more])
+        return main(
+            [
+                "import-csv",
+                *map(str, files or ["cells.csv"]),
+                "--map=map.yaml",
+                "--output=bag",
+                *more,
+            ]
+        )
 
     return run
 
@@ -48,10 +59,14 @@ def content() -> tuple[list[Any], list[Any]]:
     with BagReader(Path("bag"), INPUT_TYPES) as reader:
         messages = list(reader.raw_messages())
     angles = [JOINT_STATE.decode(m.data)[0] for m in messages if m.topic == "/joint_states"]
-    return angles, [WRENCH.decode(m.data)[0] for m in messages if m.topic == "/joint_reaction_force"]
+    return angles, [
+        WRENCH.decode(m.data)[0] for m in messages if m.topic == "/joint_reaction_force"
+    ]
 
 
-def test_columns_become_what_the_node_listens_to(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_columns_become_what_the_node_listens_to(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = cells()
     assert importing(table) == 0
     assert "goniometer_deg of cells.csv" in capsys.readouterr().out
@@ -61,11 +76,18 @@ def test_columns_become_what_the_node_listens_to(importing: Importing, capsys: p
     assert [angle.name for angle in angles] == [("knee",)] * len(stamps)
     found = np.degrees([angle.position[0] for angle in angles])
     np.testing.assert_allclose(found, table["goniometer_deg"], atol=1e-6)
-    np.testing.assert_allclose([force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6)
+    np.testing.assert_allclose(
+        [force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6
+    )
     assert {force.frame_id for force in forces} == {"tibia_r"}
     assert len(solve(Path("bag"))) == len(stamps)
     record = origin(Path("bag"))
-    assert json.loads(record["map"])["load"]["columns"] == {"pm_n": 1.0, "am_n": 1.0, "al_n": 1.0, "pl_n": 1.0}
+    assert json.loads(record["map"])["load"]["columns"] == {
+        "pm_n": 1.0,
+        "am_n": 1.0,
+        "al_n": 1.0,
+        "pl_n": 1.0,
+    }
     assert re.fullmatch("[0-9a-f]{64}", record["file 1_sha256"])
 
 
@@ -73,12 +95,26 @@ def test_columns_become_what_the_node_listens_to(importing: Importing, capsys: p
     ("before", "after", "of_load", "of_angle"),
     [
         ("unit: N", "unit: '%BW'", lambda load: load / 7.0, lambda angle: angle),
-        ("unit: N", "unit: N\n  offset: -30", lambda load: load + 120.0 / 4.0, lambda angle: angle),
-        ("unit: deg}", "unit: deg, sign: -1, offset: 180}", lambda load: load, lambda angle: 180.0 - angle),
+        (
+            "unit: N",
+            "unit: N\n  offset: -30",
+            lambda load: load + 120.0 / 4.0,
+            lambda angle: angle,
+        ),
+        (
+            "unit: deg}",
+            "unit: deg, sign: -1, offset: 180}",
+            lambda load: load,
+            lambda angle: 180.0 - angle,
+        ),
     ],
 )
 def test_units_and_offsets_of_sensors(
-    importing: Importing, before: str, after: str, of_load: Callable[[Any], Any], of_angle: Callable[[Any], Any]
+    importing: Importing,
+    before: str,
+    after: str,
+    of_load: Callable[[Any], Any],
+    of_angle: Callable[[Any], Any],
 ) -> None:
     table, total = cells(), load(cells()["time_s"])
     table["goniometer_deg"] = of_angle(table["goniometer_deg"])
@@ -86,7 +122,9 @@ def test_units_and_offsets_of_sensors(
     assert importing(table, MAP.replace(before, after, 1)) == 0
     angles, forces = content()
     np.testing.assert_allclose([-force.force[1] for force in forces], total, atol=2e-3)
-    np.testing.assert_allclose([a.position[0] for a in angles], np.radians(cells()["goniometer_deg"]), atol=1e-7)
+    np.testing.assert_allclose(
+        [a.position[0] for a in angles], np.radians(cells()["goniometer_deg"]), atol=1e-7
+    )
 
 
 def rows(cell: str = "{:.2f},{:.3f},{:.2f}", decimal: str = ".") -> str:
@@ -112,34 +150,63 @@ VICON = "Model Outputs\n50\n,,P01:RKneeAngles,,,P01:RKneeForce,,\nFrame,Sub Fram
 VICON += "\n".join(f"{101 + n}{line[line.index(',') :]}" for n, line in enumerate(FRAMES)) + "\n"
 SIMPLE = "time: {column: t}\nangle: {column: a, unit: deg}\nload: {column: f, unit: N}\n"
 WAYS: dict[str, tuple[str | bytes, str]] = {
-    "names of two lines": (VICON, "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
-                                  "load: {column: 'P01:RKneeForce.Z', unit: N}\n"),
-    "one table of several": (f"{VICON}\nTrajectories\n50\n,,P01:LASI\nFrame,Sub Frame,X\n,,mm\n101,0,7\n",
-                             "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
-                             "load: {column: RKneeForce.Z, unit: N}\n"),
-    "places": (VICON, "time: {rate: 50}\nangle: {column: 3, unit: deg}\nload: {columns: {8: 1}, unit: N}\n"),
-    "places without names": (rows(), "time: {column: 1}\nangle: {column: 2, unit: deg}\nload: {column: 3, unit: N}\n"),
-    "frames": (TAF + "".join(f"{n},{line.partition(',')[2]}\n" for n, line in enumerate(rows().splitlines())),
-               SIMPLE.replace("t}", "t, rate: 50}")),
+    "names of two lines": (
+        VICON,
+        "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
+        "load: {column: 'P01:RKneeForce.Z', unit: N}\n",
+    ),
+    "one table of several": (
+        f"{VICON}\nTrajectories\n50\n,,P01:LASI\nFrame,Sub Frame,X\n,,mm\n101,0,7\n",
+        "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
+        "load: {column: RKneeForce.Z, unit: N}\n",
+    ),
+    "places": (
+        VICON,
+        "time: {rate: 50}\nangle: {column: 3, unit: deg}\nload: {columns: {8: 1}, unit: N}\n",
+    ),
+    "places without names": (
+        rows(),
+        "time: {column: 1}\nangle: {column: 2, unit: deg}\nload: {column: 3, unit: N}\n",
+    ),
+    "frames": (
+        TAF
+        + "".join(f"{n},{line.partition(',')[2]}\n" for n, line in enumerate(rows().splitlines())),
+        SIMPLE.replace("t}", "t, rate: 50}"),
+    ),
     "behind a hash": ("# Name: made up\n# t\ta\tf\n" + rows("{:.2f}\t{:.3f}\t{:.2f}"), SIMPLE),
     "of savetxt": ("# t a f\n" + rows("{:.18e} {:.18e} {:.18e}"), SIMPLE),
     "a title, and units": ("made up\n\nt,a,f\ns,deg,N\n" + rows(), SIMPLE),
     "a date and a time": (TAF + clock(36_000, "2020-01-01 " + HMS), SIMPLE),
     "over midnight": (TAF + clock(86_399, HMS), SIMPLE),
     "with a zone": (TAF + clock(36_000, "2020-01-01T" + HMS + "+01:00"), SIMPLE),
-    "before midnight and after": (TAF + re.sub(r"(?m)^23(.*?),", r"11\1 PM,", re.sub(
-        r"(?m)^00(.*?),", r"12\1 am,", clock(86_399, HMS))), SIMPLE),
+    "before midnight and after": (
+        TAF
+        + re.sub(
+            r"(?m)^23(.*?),",
+            r"11\1 PM,",
+            re.sub(r"(?m)^00(.*?),", r"12\1 am,", clock(86_399, HMS)),
+        ),
+        SIMPLE,
+    ),
     "words for no number": ("t,a,f,x\n" + rows("{:.2f},{:.3f},{:.2f},#N/A"), SIMPLE),
-    "Windows": ("t;Winkel [°];f\n".encode("cp1252") + rows("{:.2f};{:.3f};{:.2f}", decimal=",").encode(),
-                SIMPLE.replace("column: a", "column: 'Winkel [°]'")),
+    "Windows": (
+        "t;Winkel [°];f\n".encode("cp1252") + rows("{:.2f};{:.3f};{:.2f}", decimal=",").encode(),
+        SIMPLE.replace("column: a", "column: 'Winkel [°]'"),
+    ),
     "semicolons, quotes, a mark and CRLF": (
-        ('t;"a";f\n' + rows('{:.2f};"{:.3f}";{:.2f}', decimal=",")).replace("\n", "\r\n").encode("utf-8-sig"), SIMPLE),
+        ('t;"a";f\n' + rows('{:.2f};"{:.3f}";{:.2f}', decimal=","))
+        .replace("\n", "\r\n")
+        .encode("utf-8-sig"),
+        SIMPLE,
+    ),
     "tabs": ("t\ta\tf\n" + rows("{:.2f}\t{:.3f}\t{:.2f}", decimal=","), SIMPLE),
     "spaces": ("t   a  f\n" + rows("{:.2f}  {:.3f} {:.2f}"), SIMPLE),
     "utf-16": ((TAF + rows()).encode("utf-16"), SIMPLE),
-    "an old Macintosh": ("t;Winkel [°];f\n".encode("mac-roman") + rows("{:.2f};{:.3f};{:.2f}").encode(),
-                         SIMPLE.replace("column: a", "column: 'Winkel [°]'") + "table: {encoding: mac-roman}\n"),
-}  # fmt: skip
+    "an old Macintosh": (
+        "t;Winkel [°];f\n".encode("mac-roman") + rows("{:.2f};{:.3f};{:.2f}").encode(),
+        SIMPLE.replace("column: a", "column: 'Winkel [°]'") + "table: {encoding: mac-roman}\n",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", WAYS)
@@ -148,40 +215,124 @@ def test_what_programs_and_loggers_write(importing: Importing, name: str) -> Non
     assert importing(made.encode() if isinstance(made, str) else made, text) == 0
     angles, forces = content()
     time = np.arange(150) / 50.0
-    assert [force.stamp for force in forces] == [angle.stamp for angle in angles] == np.rint(1e9 * time).tolist()
+    assert (
+        [force.stamp for force in forces]
+        == [angle.stamp for angle in angles]
+        == np.rint(1e9 * time).tolist()
+    )
     np.testing.assert_allclose([-force.force[1] for force in forces], load(time), atol=6e-3)
-    np.testing.assert_allclose(np.degrees([angle.position[0] for angle in angles]), flexion(time), atol=6e-4)
+    np.testing.assert_allclose(
+        np.degrees([angle.position[0] for angle in angles]), flexion(time), atol=6e-4
+    )
 
 
 MS = SIMPLE.replace("t}", "t, unit: ms}")
 BY_CLOCK = "t,a,x\n" + clock(0, HMS)
 MOMENTS = rows("{0:.2f},{1:.3f},{2:.2f},10")
 MISREAD: dict[str, tuple[str, str, str, str]] = {
-    "two of a name": (VICON, "", SIMPLE.replace(" a,", " X,").replace("t}", "Frame}").replace(" f,", " Z,"),
-                      "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X"),
-    "no frames": (TAF + rows(), "", SIMPLE.replace("t}", "t, rate: 50}"), "0.02, and with time.rate it must count"),
-    "seconds as ms": (TAF + rows(), "", MS, "rows a second is 50000, plausible is 5 to 10000: is time.unit right"),
-    "a row of units": ("t,a,f\ns,deg,N\n" + rows(), "", MS, "says s of column t, and time.unit ms"),
-    "a unit in a name": ("t_ms,a,f\n" + rows(), "", SIMPLE.replace("t}", "t_ms}"), "says ms of column t_ms, and time"),
-    "kN in a name": ("t,a,f[kN]\n" + rows(), "", SIMPLE.replace(" f,", ' "f[kN]",'), "says kN of column f[kN], and"),
-    **{said: (f"t,a,f,m\ns,{said}\n{MOMENTS}", "", f"{SIMPLE}moment: {{column: m, unit: N*m}}\n",
-              f"says {says[0]} of column {says[1]}, and map: ")
-       for said, says in {"Rad,N,Nm": ("Rad", "a"), "deg/s,N,Nm": ("deg/s", "a"), "deg,KN,Nm": ("KN", "f"),
-                          "deg,N/kg,Nm": ("N/kg", "f"), "deg,mm,Nm": ("mm", "f"), "deg,V,Nm": ("V", "f"),
-                          "deg,N,N.mm": ("N.mm", "m"), "deg,N,lbf*ft": ("lbf*ft", "m")}.items()},
-    **{f"a weight of {weight}": ("t,a,f\ns,deg,lbf\n" + rows(), "",
-                                 SIMPLE.replace("column: f,", f"columns: {{f: {weight}}},"), "says lbf of column f")
-       for weight in (0.98, -0.98, 44.5)},
-    "clocks of two kinds": (BY_CLOCK, "t,f\n" + rows("{0:.2f},{2:.2f}"), SIMPLE, "must have times of one clock"),
-    "two days": ("t,a,x\n" + clock(0, "2026-03-04 " + HMS),
-                 "t,x,f\n" + clock(0, "2026-03-05 " + HMS), SIMPLE, "no time in common: 0 to 2.98 s and 86400"),
-    "days of two forms": ("t,a,x\n" + clock(0, "4.3.2026 " + HMS),
-                          "t,x,f\n" + clock(0, "5.3.2026 " + HMS), SIMPLE, "begins on 4.3.2026, and other.csv on 5.3"),
-    "no time of day": (TAF + clock(0, HMS).replace("00:00:", "00:61:"), "", SIMPLE, "is not a number"),
-    **{code: (TAF + rows(), "", f"{SIMPLE}table: {{encoding: {code}}}\n", "is not known, or not of cells.csv; as utf-8")
-       for code in ("idna", '"utf\\08"')},
-    "no encoding": (TAF + rows(), "", SIMPLE + "table: {encoding: utf-9}\n", "table.encoding 'utf-9' is not known"),
-}  # fmt: skip
+    "two of a name": (
+        VICON,
+        "",
+        SIMPLE.replace(" a,", " X,").replace("t}", "Frame}").replace(" f,", " Z,"),
+        "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X",
+    ),
+    "no frames": (
+        TAF + rows(),
+        "",
+        SIMPLE.replace("t}", "t, rate: 50}"),
+        "0.02, and with time.rate it must count",
+    ),
+    "seconds as ms": (
+        TAF + rows(),
+        "",
+        MS,
+        "rows a second is 50000, plausible is 5 to 10000: is time.unit right",
+    ),
+    "a row of units": (
+        "t,a,f\ns,deg,N\n" + rows(),
+        "",
+        MS,
+        "says s of column t, and time.unit ms",
+    ),
+    "a unit in a name": (
+        "t_ms,a,f\n" + rows(),
+        "",
+        SIMPLE.replace("t}", "t_ms}"),
+        "says ms of column t_ms, and time",
+    ),
+    "kN in a name": (
+        "t,a,f[kN]\n" + rows(),
+        "",
+        SIMPLE.replace(" f,", ' "f[kN]",'),
+        "says kN of column f[kN], and",
+    ),
+    **{
+        said: (
+            f"t,a,f,m\ns,{said}\n{MOMENTS}",
+            "",
+            f"{SIMPLE}moment: {{column: m, unit: N*m}}\n",
+            f"says {says[0]} of column {says[1]}, and map: ",
+        )
+        for said, says in {
+            "Rad,N,Nm": ("Rad", "a"),
+            "deg/s,N,Nm": ("deg/s", "a"),
+            "deg,KN,Nm": ("KN", "f"),
+            "deg,N/kg,Nm": ("N/kg", "f"),
+            "deg,mm,Nm": ("mm", "f"),
+            "deg,V,Nm": ("V", "f"),
+            "deg,N,N.mm": ("N.mm", "m"),
+            "deg,N,lbf*ft": ("lbf*ft", "m"),
+        }.items()
+    },
+    **{
+        f"a weight of {weight}": (
+            "t,a,f\ns,deg,lbf\n" + rows(),
+            "",
+            SIMPLE.replace("column: f,", f"columns: {{f: {weight}}},"),
+            "says lbf of column f",
+        )
+        for weight in (0.98, -0.98, 44.5)
+    },
+    "clocks of two kinds": (
+        BY_CLOCK,
+        "t,f\n" + rows("{0:.2f},{2:.2f}"),
+        SIMPLE,
+        "must have times of one clock",
+    ),
+    "two days": (
+        "t,a,x\n" + clock(0, "2026-03-04 " + HMS),
+        "t,x,f\n" + clock(0, "2026-03-05 " + HMS),
+        SIMPLE,
+        "no time in common: 0 to 2.98 s and 86400",
+    ),
+    "days of two forms": (
+        "t,a,x\n" + clock(0, "4.3.2026 " + HMS),
+        "t,x,f\n" + clock(0, "5.3.2026 " + HMS),
+        SIMPLE,
+        "begins on 4.3.2026, and other.csv on 5.3",
+    ),
+    "no time of day": (
+        TAF + clock(0, HMS).replace("00:00:", "00:61:"),
+        "",
+        SIMPLE,
+        "is not a number",
+    ),
+    **{
+        code: (
+            TAF + rows(),
+            "",
+            f"{SIMPLE}table: {{encoding: {code}}}\n",
+            "is not known, or not of cells.csv; as utf-8",
+        )
+        for code in ("idna", '"utf\\08"')
+    },
+    "no encoding": (
+        TAF + rows(),
+        "",
+        SIMPLE + "table: {encoding: utf-9}\n",
+        "table.encoding 'utf-9' is not known",
+    ),
+}
 """Files, map and what is told"""
 
 
@@ -200,7 +351,12 @@ def test_units_may_be_spelt_otherwise_or_converted_and_unknown_ones_are_told(
 ) -> None:
     kilo = rows("{0:.2f},{1:.3f},{2:.2f},0.010").replace("\n", ",N/A\n")
     text = SIMPLE + "moment: {columns: {m: 980}, unit: N.M}\n"
-    assert importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}".encode(), text.replace(" t}", " T}")) == 0
+    assert (
+        importing(
+            f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}".encode(), text.replace(" t}", " T}")
+        )
+        == 0
+    )
     said = " ".join(capsys.readouterr().out.split())
     assert said.count("'widgets' is not a known unit (map: load.unit N)") == 1
     assert said.count("is not a known unit") == 1
@@ -210,12 +366,16 @@ def test_units_may_be_spelt_otherwise_or_converted_and_unknown_ones_are_told(
 @pytest.mark.parametrize(
     ("angles", "forces"),
     [
-        (clock(86_399, "2026-03-04T" + HMS + "Z").replace("04T00", "05T00"),
-         clock(3_599, "2026-03-05T" + HMS + "+01:00")),
+        (
+            clock(86_399, "2026-03-04T" + HMS + "Z").replace("04T00", "05T00"),
+            clock(3_599, "2026-03-05T" + HMS + "+01:00"),
+        ),
         (clock(86_399, HMS), "\n".join(clock(86_399, HMS).splitlines()[60:])),
     ],
-)  # fmt: skip
-def test_files_of_one_trial_may_begin_on_two_days(importing: Importing, angles: str, forces: str) -> None:
+)
+def test_files_of_one_trial_may_begin_on_two_days(
+    importing: Importing, angles: str, forces: str
+) -> None:
     """By their dates and zones, or without any within a day."""
     Path("other.csv").write_text("t,x,f\n" + forces)
     assert importing(("t,a,x\n" + angles).encode(), SIMPLE, files=("cells.csv", "other.csv")) == 0
@@ -225,11 +385,19 @@ def test_files_of_one_trial_may_begin_on_two_days(importing: Importing, angles: 
     assert len(found) >= 90
 
 
-def test_an_insole_and_an_encoder_make_the_bag_that_estimate_load_takes(importing: Importing) -> None:
+def test_an_insole_and_an_encoder_make_the_bag_that_estimate_load_takes(
+    importing: Importing,
+) -> None:
     """And what an exoskeleton has beside them; a row that one channel lacks by microseconds is left out."""
     time = np.arange(151) / 50.0
     up = 700.0 * np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
-    table = {"t": time, "a": 90.0 - flexion(time), "hip": 0.3 * flexion(time), "torque": -0.01 * up, "up": up - 12.0}
+    table = {
+        "t": time,
+        "a": 90.0 - flexion(time),
+        "hip": 0.3 * flexion(time),
+        "torque": -0.01 * up,
+        "up": up - 12.0,
+    }
     plate = write_csv(Path("plate.csv"), {"t": time - 1e-6, "x": 0.1 * up, "m": 0.02 * up})
     text = """
 time: {column: t}
@@ -255,8 +423,13 @@ side: left
     assert all(np.isnan([*ground.force[2:], *ground.torque[:2]]).all() for ground in grounds)
     assert states[0].name == ("knee", "hip")
     np.testing.assert_allclose([state.effort[0] for state in states], 0.01 * up, atol=2e-6)
-    np.testing.assert_allclose(np.degrees([s.position for s in states])[:, 1], table["hip"], atol=1e-4)
-    assert main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"]) == 0
+    np.testing.assert_allclose(
+        np.degrees([s.position for s in states])[:, 1], table["hip"], atol=1e-4
+    )
+    assert (
+        main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"])
+        == 0
+    )
     assert main(["solve", "loads.mcap", "--output=answers.mcap"]) == 0
 
 
@@ -268,10 +441,17 @@ def test_a_locohub_table_is_imported_by_the_shipped_map(
     pytest.importorskip("pyarrow", reason="needs the extra tables")
     time = np.arange(150) / 50.0
     up = np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
-    one = {"time_s": time, "step": np.arange(150) // 55, "knee_flexion_angle_ipsi_rad": np.radians(flexion(time)),
-           "thigh_sagittal_angle_ipsi_rad": 0.3 * np.sin(time), "ankle_dorsiflexion_angle_ipsi_rad": 0.2 * np.cos(time),
-           "grf_vertical_ipsi_BW": up}  # fmt: skip
-    frames = [pd.DataFrame(one | {"subject": name, "task": "level_walking"}) for name in ("AB01", "AB02")]
+    one = {
+        "time_s": time,
+        "step": np.arange(150) // 55,
+        "knee_flexion_angle_ipsi_rad": np.radians(flexion(time)),
+        "thigh_sagittal_angle_ipsi_rad": 0.3 * np.sin(time),
+        "ankle_dorsiflexion_angle_ipsi_rad": 0.2 * np.cos(time),
+        "grf_vertical_ipsi_BW": up,
+    }
+    frames = [
+        pd.DataFrame(one | {"subject": name, "task": "level_walking"}) for name in ("AB01", "AB02")
+    ]
     pd.concat(frames).to_parquet("x_time.parquet")
     files, own = ("x_time.parquet",), "body_weight: 800.0\n"
     assert importing(None, own, "--map=locohub", "--map=map.yaml", files=files) == 2
@@ -281,10 +461,15 @@ def test_a_locohub_table_is_imported_by_the_shipped_map(
     assert "unit BW needs body_weight [N] in the map" in capsys.readouterr().err
     assert importing(None, own + rows, "--map=locohub", "--map=map.yaml", files=files) == 0
     assert "largest 799.7 N (1.00 BW)" in " ".join(capsys.readouterr().out.split())
-    assert main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"]) == 0
+    assert (
+        main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"])
+        == 0
+    )
 
 
-def test_how_parquet_files_are_written(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_how_parquet_files_are_written(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Time as an index, and recordings chosen by the text of whatever their columns hold."""
     pd = pytest.importorskip("pandas", reason="needs the extra tables")
     pytest.importorskip("pyarrow", reason="needs the extra tables")
@@ -293,12 +478,20 @@ def test_how_parquet_files_are_written(importing: Importing, capsys: pytest.Capt
     frames = [pd.DataFrame(one | {"text": str(n), "whole": n, "real": float(n)}) for n in (1, 2)]
     pd.concat(frames).set_index("t").to_parquet(file)
     for choice, code in {"text: 1": 0, "whole: '2'": 0, "real: 2.0": 0, "whole: two": 2}.items():
-        assert importing(None, f"{SIMPLE}table: {{rows: {{{choice}}}}}\n", "--overwrite", files=(file,)) == code
+        assert (
+            importing(
+                None, f"{SIMPLE}table: {{rows: {{{choice}}}}}\n", "--overwrite", files=(file,)
+            )
+            == code
+        )
         assert len(content()[1]) == 150
     assert "has no rows below its names" in capsys.readouterr().err
     data = file.read_bytes()
     file.write_bytes(data[:4] + bytes(300) + data[304:])
-    assert importing(None, f"{SIMPLE}table: {{rows: {{whole: 1}}}}\n", "--overwrite", files=(file,)) == 2
+    assert (
+        importing(None, f"{SIMPLE}table: {{rows: {{whole: 1}}}}\n", "--overwrite", files=(file,))
+        == 2
+    )
     assert "cannot read x.parquet: " in capsys.readouterr().err
 
 
@@ -306,9 +499,13 @@ def test_without_a_body_weight_a_strange_load_is_a_warning(
     importing: Importing, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for times in (0.14, 6.0):
-        text = MAP.replace("body_weight: 700.0\n", "").replace("unit: N", f"unit: N\n  scale: {times}")
+        text = MAP.replace("body_weight: 700.0\n", "").replace(
+            "unit: N", f"unit: N\n  scale: {times}"
+        )
         assert importing(cells(), text, "--overwrite") == 0
-        assert "plausible is 400 to 8000: percent of body weight" in " ".join(capsys.readouterr().err.split())
+        assert "plausible is 400 to 8000: percent of body weight" in " ".join(
+            capsys.readouterr().err.split()
+        )
 
 
 def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
@@ -318,7 +515,9 @@ def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
     assert importing(cells(), text, files=(moved, "cells.csv")) == 0
     angles, forces = content()
     found = np.degrees([angle.position[0] for angle in angles])
-    np.testing.assert_allclose(found, flexion(1e-9 * np.array([angle.stamp for angle in angles])), atol=1e-5)
+    np.testing.assert_allclose(
+        found, flexion(1e-9 * np.array([angle.stamp for angle in angles])), atol=1e-5
+    )
     assert angles[0].stamp == 3_000_000  # every row keeps its stamp
     assert forces[0].stamp == 8_333_000  # the first with an angle before it
 
@@ -326,7 +525,11 @@ def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
 def test_weights_scale_units_direction_side_and_rate(importing: Importing) -> None:
     table = cells()
     total = load(table["time_s"])
-    table |= {"time_s": 1e3 * table["time_s"] + 5000.0, "fy": -total / 4.4482216152605, "m": 0.01 * total}
+    table |= {
+        "time_s": 1e3 * table["time_s"] + 5000.0,
+        "fy": -total / 4.4482216152605,
+        "m": 0.01 * total,
+    }
     text = """
 time: {column: 1, unit: ms, offset: -5.0}
 angle: {column: goniometer_deg, unit: deg, joint: left_knee}
@@ -339,7 +542,9 @@ rate: 100
     assert importing(table, text) == 0
     angles, forces = content()
     stamps = [force.stamp for force in forces]
-    assert stamps == [angle.stamp for angle in angles] == list(range(0, stamps[-1] + 1, 10_000_000))
+    assert (
+        stamps == [angle.stamp for angle in angles] == list(range(0, stamps[-1] + 1, 10_000_000))
+    )
     expected = np.interp(1e-9 * np.array(stamps), cells()["time_s"], 0.5 * total)
     np.testing.assert_allclose([-force.force[1] for force in forces], expected, atol=1e-2)
     np.testing.assert_allclose([force.torque[0] for force in forces], expected * 4e-5, atol=1e-4)
@@ -351,21 +556,37 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
     ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
     time = np.arange(100, 250) / 50.0
     made = ezc3d.c3d()
-    for kind, rate, labels in (("POINT", 50.0, ["P01:RKneeAngles", "LASI"]), ("ANALOG", 500.0, ["cell", "x"])):
-        made["parameters"][kind]["RATE"]["value"], made["parameters"][kind]["LABELS"]["value"] = [rate], labels
+    for kind, rate, labels in (
+        ("POINT", 50.0, ["P01:RKneeAngles", "LASI"]),
+        ("ANALOG", 500.0, ["cell", "x"]),
+    ):
+        made["parameters"][kind]["RATE"]["value"], made["parameters"][kind]["LABELS"]["value"] = (
+            [rate],
+            labels,
+        )
     made["header"]["points"]["first_frame"] = 100
-    made["data"]["points"] = np.stack([flexion(time), 0.0 * time, 0.0 * time, 0.0 * time])[:, None].repeat(2, axis=1)
+    made["data"]["points"] = np.stack([flexion(time), 0.0 * time, 0.0 * time, 0.0 * time])[
+        :, None
+    ].repeat(2, axis=1)
     made["data"]["analogs"] = np.stack([load(np.arange(1000, 2500) / 500.0)] * 2)[None]
     made.write("walk.c3d")
-    text = SIMPLE.replace("column: t}", "column: time}").replace(" a,", " RKneeAngles.X,").replace(" f,", " cell,")
+    text = (
+        SIMPLE.replace("column: t}", "column: time}")
+        .replace(" a,", " RKneeAngles.X,")
+        .replace(" f,", " cell,")
+    )
     assert importing(None, text, files=("walk.c3d",)) == 0
     angles, forces = content()
-    np.testing.assert_allclose(np.degrees([a.position[0] for a in angles]), flexion(time), atol=1e-4)
+    np.testing.assert_allclose(
+        np.degrees([a.position[0] for a in angles]), flexion(time), atol=1e-4
+    )
     np.testing.assert_allclose([-force.force[1] for force in forces], load(time), atol=1e-3)
     assert [force.stamp for force in forces] == np.rint(1e9 * time).astype(int).tolist()
 
 
-def test_opensim_files_are_tables_too(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_opensim_files_are_tables_too(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
     text = MAP.replace("{column: time_s}", "{column: time, unit: ms}")  # theirs are s
@@ -373,56 +594,101 @@ def test_opensim_files_are_tables_too(importing: Importing, capsys: pytest.Captu
     assert len(content()[0]) == round(120 * SECONDS)
     path.write_text(path.read_text().rstrip().rpartition("\n")[0])
     assert importing(None, text, "--overwrite", files=(path,)) == 2
-    assert "q.mot has 719 rows, and its header says nRows=720: is it cut off? (--anyway" in capsys.readouterr().err
+    assert (
+        "q.mot has 719 rows, and its header says nRows=720: is it cut off? (--anyway"
+        in capsys.readouterr().err
+    )
 
 
 SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
-    "nan": (lambda t: t | {"am_n": np.where(t["time_s"] == 1.0, np.nan, t["am_n"])},
-            r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out"),
-    "a fill value": (lambda t: t | {"am_n": np.where(np.abs(t["time_s"] - 2.0) < 0.2, -1399.0, t["am_n"])},
-                     r"the least load is -1\d+.* N, plausible is -700 or more: does it stand for a missing one\?"),
-    "negative times": (lambda t: t | {"time_s": t["time_s"] - 9.0}, "no time in common from 0 s on: -9 to -3.0"),
-    "time goes back": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, 0.5, t["time_s"])},
-                       r"time goes back from 0.991667 to 0.5 s \(rows 120, 121\)"),
-    "time stands still": (lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
-                          r"in 600 of 720 rows column time_s has the value of the next row"),
-    "missing column": (lambda t: {("gonio_deg" if n == "goniometer_deg" else n): v for n, v in t.items()},
-                       r"has no column goniometer_deg \(map: angle\); did you mean gonio_deg\?"),
-    "pounds given as newtons": (lambda t: t | {n: v / 4.448 for n, v in t.items() if n.endswith("_n")},
-                                r"the peak of \d+\.\d N is 0\.49\d+ body weights, .*In lbf it would be 2\.2 body"),
-}  # fmt: skip
+    "nan": (
+        lambda t: t | {"am_n": np.where(t["time_s"] == 1.0, np.nan, t["am_n"])},
+        r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out",
+    ),
+    "a fill value": (
+        lambda t: t | {"am_n": np.where(np.abs(t["time_s"] - 2.0) < 0.2, -1399.0, t["am_n"])},
+        r"the least load is -1\d+.* N, plausible is -700 or more: does it stand for a missing one\?",
+    ),
+    "negative times": (
+        lambda t: t | {"time_s": t["time_s"] - 9.0},
+        "no time in common from 0 s on: -9 to -3.0",
+    ),
+    "time goes back": (
+        lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, 0.5, t["time_s"])},
+        r"time goes back from 0.991667 to 0.5 s \(rows 120, 121\)",
+    ),
+    "time stands still": (
+        lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
+        r"in 600 of 720 rows column time_s has the value of the next row",
+    ),
+    "missing column": (
+        lambda t: {("gonio_deg" if n == "goniometer_deg" else n): v for n, v in t.items()},
+        r"has no column goniometer_deg \(map: angle\); did you mean gonio_deg\?",
+    ),
+    "pounds given as newtons": (
+        lambda t: t | {n: v / 4.448 for n, v in t.items() if n.endswith("_n")},
+        r"the peak of \d+\.\d N is 0\.49\d+ body weights, .*In lbf it would be 2\.2 body",
+    ),
+}
 MAPS = {
     (
         "body_weight",
         "moment: {column: am_n, unit: N*m}\nbody_weight",
     ): r"the largest moment is 3\d+\.\d+ N m, plau.* 0 to 84",
     ("unit: N", "unit: deg"): r"map: load: unit 'deg' is not one of a force; allowed: N, kN",
-    ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"says deg of column goniometer_deg, and map: angle\.",
-    ("{column: goniometer_deg, unit: deg", "{column: 6, unit: rad"): r"deg, plausible is 0 to 180: is angle\.unit",
+    (
+        "goniometer_deg, unit: deg",
+        "goniometer_deg, unit: rad",
+    ): r"says deg of column goniometer_deg, and map: angle\.",
+    (
+        "{column: goniometer_deg, unit: deg",
+        "{column: 6, unit: rad",
+    ): r"deg, plausible is 0 to 180: is angle\.unit",
     ("{column: time_s}", "{column: times}"): r"has no column times; did you mean time_s\?",
     ("700.0", "71.4"): r"^knee-contact: body_weight 71\.4 N: is it kg",
-    ("unit: deg}", "unit: deg, sign: 2}"): r"angle\.sign: 2.* is not allowed; allowed: 1\.0, -1\.0",
+    (
+        "unit: deg}",
+        "unit: deg, sign: 2}",
+    ): r"angle\.sign: 2.* is not allowed; allowed: 1\.0, -1\.0",
     ("{column: goniometer_deg, unit: deg}", "{unit: deg}"): r"angle: .* either column or columns",
-    ("body_weight", "ground_force_x: {column: am_n, unit: N}\nbody_weight"): r"ground_force_x needs ground_force",
+    (
+        "body_weight",
+        "ground_force_x: {column: am_n, unit: N}\nbody_weight",
+    ): r"ground_force_x needs ground_force",
     ("load:", "lode:"): r"lode: is not known; did you mean load\?",
-    ("unit: N", "unit: N\n  file: '*.txt'"): r"load\.file: no file is named as \*\.txt; given are cells\.csv",
+    (
+        "unit: N",
+        "unit: N\n  file: '*.txt'",
+    ): r"load\.file: no file is named as \*\.txt; given are cells\.csv",
 }
 NAMES = b"time_s,pm_n,am_n,al_n,pl_n,goniometer_deg"
 FILES: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "cells.csv is empty"),
     "names only": (NAMES + b"\n", r"has no rows below its names \(line 1\)"),
     "one row": (NAMES + b"\n0,1,2,3,4,5\n", "has 1 row with numbers for angle"),
-    "no names": (b"0,1,2,3,4,5\n1,1,2,3,4,5\n", "line 1 has numbers, and must have the columns' names"),
+    "no names": (
+        b"0,1,2,3,4,5\n1,1,2,3,4,5\n",
+        "line 1 has numbers, and must have the columns' names",
+    ),
     "cut off": (NAMES + b"\n0,1,2,3,4,5\n1,1,2", "line 3 has 3 columns, and the names are 6"),
-    "units": (NAMES + b"\ns,N,N,N,N,rad\n0,1,2,3,4,5\n", "says rad of column goniometer_deg, and map: angle.unit deg"),
+    "units": (
+        NAMES + b"\ns,N,N,N,N,rad\n0,1,2,3,4,5\n",
+        "says rad of column goniometer_deg, and map: angle.unit deg",
+    ),
     "infinite": (NAMES + b"\n0,inf,2,3,4,5\n1,1,2,3,4,5\n", "column pm_n has no number"),
     "zeros": (bytes(5000), "is not a text file"),
     "random": (np.random.default_rng(3).bytes(5000).replace(b"\0", b"a"), "has no column"),
-    "an open quote": (NAMES + b'\n"0,1,2,3,4,5\n' + b"1,2,3,4,5,6\n" * 20000, "line .* cannot be read: field larger"),
+    "an open quote": (
+        NAMES + b'\n"0,1,2,3,4,5\n' + b"1,2,3,4,5,6\n" * 20000,
+        "line .* cannot be read: field larger",
+    ),
 }
 REFUSED: dict[str, tuple[Any, str, str]] = {
     **{name: (spoil(cells()), MAP, words) for name, (spoil, words) in SPOILT.items()},
-    **{f"{old} > {new}": (cells(), MAP.replace(old, new, 1), words) for (old, new), words in MAPS.items()},
+    **{
+        f"{old} > {new}": (cells(), MAP.replace(old, new, 1), words)
+        for (old, new), words in MAPS.items()
+    },
     **{name: (data, MAP, words) for name, (data, words) in FILES.items()},
 }
 """What is in cells.csv, what in the map, and what is told"""
@@ -447,7 +713,15 @@ def test_what_is_likely_a_mistake_is_written_only_if_the_user_insists(
     assert importing(SPOILT["pounds given as newtons"][0](cells()), MAP, "--anyway") == 0
     assert re.search(r"warning: .* the peak of 3\d\d", capsys.readouterr().err.replace("\n", " "))
     assert "In lbf" in origin(Path("bag"))["doubts"]
-    assert importing(cells(), MAP.replace("{column: goniometer_deg", "{column: pm_n"), "--anyway", "--overwrite") == 2
+    assert (
+        importing(
+            cells(),
+            MAP.replace("{column: goniometer_deg", "{column: pm_n"),
+            "--anyway",
+            "--overwrite",
+        )
+        == 2
+    )
 
 
 def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
@@ -464,7 +738,9 @@ def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
         assert tuple(map(len, content())) == (720 - 59, number)
 
 
-def test_in_gaps_of_other_channels_nothing_is_made_up(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_gaps_of_other_channels_nothing_is_made_up(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Load and angle have no gap, the moment one of a second, and the hip another."""
     time = np.arange(150) / 50.0
     hip, moment = ((time <= gap) | (time >= gap + 1.0) for gap in (1.0, 1.5))
@@ -486,23 +762,38 @@ def test_in_gaps_of_other_channels_nothing_is_made_up(importing: Importing, caps
     assert "cells.csv: f: all but 0 rows lie in gaps of another channel" in capsys.readouterr().err
 
 
-def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
-    without = {name: np.delete(values, slice(545, 574)) for name, values in cells().items()}  # a quarter of a second
+def test_behind_a_gap_a_knee_may_be_anywhere(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
+    without = {
+        name: np.delete(values, slice(545, 574)) for name, values in cells().items()
+    }  # a quarter of a second
     assert np.abs(np.diff(without["goniometer_deg"])).max() > 30.0
     assert importing(without) == 0
     assert "angle: 1 gaps longer than 0.1 s" in capsys.readouterr().out
 
 
-def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_body_weight_goes_with_the_bag(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
     """And wins over the default, not over one that the user gives."""
     assert importing(cells(), MAP.replace("700.0", "560.0")) == 0
     peak = 0.5 * load(cells()["time_s"]).max()
-    for given, weight in ((), 560.0), (("-p", "body_weight:=600"), 600.0), (("-p", "body_weight:=737.068"), 737.068):
+    for given, weight in (
+        ((), 560.0),
+        (("-p", "body_weight:=600"), 600.0),
+        (("-p", "body_weight:=737.068"), 737.068),
+    ):
         capsys.readouterr()
         assert main(["solve", "bag", "--output=o.mcap", "--overwrite", *given]) == 0
         told = capsys.readouterr()
-        assert f"{peak / weight:.2f} BW" in told.out.replace("\n", " ") or f"{peak / weight:.2f}" in told.out
-        said = f"body_weight {weight:g} N is used as you gave it, but bag bag was imported with 560 N"
+        assert (
+            f"{peak / weight:.2f} BW" in told.out.replace("\n", " ")
+            or f"{peak / weight:.2f}" in told.out
+        )
+        said = (
+            f"body_weight {weight:g} N is used as you gave it, but bag bag was imported with 560 N"
+        )
         assert (said in " ".join(told.err.split())) == bool(given)
         assert ("560 N, as bag was imported with" in told.out) != bool(given)
 
@@ -522,14 +813,27 @@ def test_the_body_weight_goes_through_an_estimate_and_a_sweep(
     assert "person.mass 80 kg is used as you gave it, but bag bag was imported with 560 N" in said
     assert main(["solve", "loads.mcap", "--output=o.mcap"]) == 0
     assert "560 N, as loads.mcap was imported with" in capsys.readouterr().out
-    swept, told = (sweep("loads.mcap", {"contact.damping": [5e3]}, {"load.compartment": "measured_share", **more})
-                   for more in ({}, {"body_weight": 560.0}))  # fmt: skip
+    swept, told = (
+        sweep(
+            "loads.mcap",
+            {"contact.damping": [5e3]},
+            {"load.compartment": "measured_share", **more},
+        )
+        for more in ({}, {"body_weight": 560.0})
+    )
     assert swept.outcomes.peak_force.tolist() == told.outcomes.peak_force.tolist()
 
 
-def test_columns_in_two_files_are_asked_for(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+def test_columns_in_two_files_are_asked_for(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
     both = tuple(write_csv(Path(f"{name}.csv"), cells()) for name in ("a", "b"))
     assert importing(files=both) == 2
-    assert "a.csv and b.csv both have goniometer_deg; say which with angle.file" in capsys.readouterr().err
-    named = MAP.replace("unit: deg}", "unit: deg, file: 'a*'}", 1).replace("  unit: N", "  unit: N\n  file: b.csv")
+    assert (
+        "a.csv and b.csv both have goniometer_deg; say which with angle.file"
+        in capsys.readouterr().err
+    )
+    named = MAP.replace("unit: deg}", "unit: deg, file: 'a*'}", 1).replace(
+        "  unit: N", "  unit: N\n  file: b.csv"
+    )
     assert importing(None, named, files=both) == 0

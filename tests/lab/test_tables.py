@@ -9,7 +9,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from knee_contact_ros.lab.tables import Table, TableFormat, TimeColumn, header_of, read_columns, read_storage, repaired
+from knee_contact_ros.lab.tables import (
+    Table,
+    TableFormat,
+    TimeColumn,
+    header_of,
+    read_columns,
+    read_storage,
+    repaired,
+)
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim.storages import write_storage
 from tests.lab.trials import cells, write_csv
@@ -17,15 +25,30 @@ from tests.lab.trials import cells, write_csv
 TIME = np.array([0.0, 0.1, 0.2, 0.3])
 VALUES = np.array([1.0, -2.0, 3.5, 4.25])
 PIECES = [
-    b",", b";", b"\t", b"\n", b"\r", b"\0", b'"', b"nan", b"1e999", b"-", b"#", b"\xff\xfe", b"\xe2\x80\xa8", b" ",
+    b",",
+    b";",
+    b"\t",
+    b"\n",
+    b"\r",
+    b"\0",
+    b'"',
+    b"nan",
+    b"1e999",
+    b"-",
+    b"#",
+    b"\xff\xfe",
+    b"\xe2\x80\xa8",
+    b" ",
     b"1,5",
-]  # fmt: skip
+]
 
 
 def columns_of(path: Path, names: list[str], time: str = "time", decimal: str = "auto") -> Table:
     """Columns of a text table over time."""
     form = TableFormat(decimal=decimal)
-    return read_columns(header_of(path, [time, *names], form), names, TimeColumn(column=time), form)
+    return read_columns(
+        header_of(path, [time, *names], form), names, TimeColumn(column=time), form
+    )
 
 
 def test_of_rows_at_one_time_the_last_counts(tmp_path: Path) -> None:
@@ -40,7 +63,9 @@ def test_of_rows_at_one_time_the_last_counts(tmp_path: Path) -> None:
 def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path: Path, stray: str) -> None:
     path = write_storage(tmp_path / "states.sto", TIME, {"/a/value": VALUES}, "no")
     names_and_rows = path.read_text().split("endheader\n")[1]
-    path.write_text(f"UNKNOWN\nversion=1\nnRows=0\nnColumns=1\ninDegrees=no\nendheader\n{stray}{names_and_rows}")
+    path.write_text(
+        f"UNKNOWN\nversion=1\nnRows=0\nnColumns=1\ninDegrees=no\nendheader\n{stray}{names_and_rows}"
+    )
     assert read_storage(path).names == ("/a/value",)
     text = repaired(path)
     assert text.count("endheader") == 1
@@ -89,11 +114,24 @@ def test_what_is_no_storage_file_is_refused_in_a_line(
         ("time\ta\tb", "0,0\t1,5\t2\n0,1\t-1250\t3"),
         ("time\tb\ta", "0,000\t1,500\t1,5\n0,100\t1,500\t-1250"),
         ("time,a,b", "0.0,1.5,2\n0.1,-1250,3"),
-        *[("time\tb\ta", f"0.0\t{nan}\t1.5\n0.1\t2\t-1250") for nan in
-          ("-nan(ind)", "nan", "1.#QNAN", "-1.#IND", "1.#INF", "-1.#IND00", "NaN(ind)", "no value")],
+        *[
+            ("time\tb\ta", f"0.0\t{nan}\t1.5\n0.1\t2\t-1250")
+            for nan in (
+                "-nan(ind)",
+                "nan",
+                "1.#QNAN",
+                "-1.#IND",
+                "1.#INF",
+                "-1.#IND00",
+                "NaN(ind)",
+                "no value",
+            )
+        ],
     ],
-)  # fmt: skip
-def test_the_ways_in_which_storage_files_are_written(tmp_path: Path, names: str, rows: str) -> None:
+)
+def test_the_ways_in_which_storage_files_are_written(
+    tmp_path: Path, names: str, rows: str
+) -> None:
     """Also what is not a number in a column that is not asked for."""
     path = tmp_path / "q.mot"
     path.write_text(f"Coordinates\nversion=1\ninDegrees=yes\nendheader\n{names}\n{rows}\n")
@@ -125,10 +163,22 @@ def test_thousands_marks_are_read_where_the_decimal_mark_is_stated(
     assert table.column("angle").tolist() == [8.856, 9.812, 11.385, 12.581]
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.lists(st.tuples(st.sampled_from(PIECES), st.floats(0.0, 1.0), st.integers(0, 3)), min_size=1, max_size=4))
-def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tuple[bytes, float, int]]) -> None:
-    path = write_csv(tmp_path / "cells.csv", {name: column[:20] for name, column in cells().items()})
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(PIECES), st.floats(0.0, 1.0), st.integers(0, 3)),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_damage_ends_in_numbers_or_in_one_line(
+    tmp_path: Path, damage: list[tuple[bytes, float, int]]
+) -> None:
+    path = write_csv(
+        tmp_path / "cells.csv", {name: column[:20] for name, column in cells().items()}
+    )
     data = path.read_bytes()
     for piece, where, taken in damage:
         at = int(where * len(data))
@@ -150,10 +200,26 @@ def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tupl
 @pytest.mark.parametrize(
     ("rows", "decimal", "says"),
     [
-        (DIGITS, "auto", r"line 3, column load: the point of '1\.150' may be a decimal or a thousands mark; say"),
-        (["0.02\t8.5\t91", "0.04\t9.5\t1,150"], "auto", "line 3, column load: the comma of '1,150' may be"),
-        (["0;1;91", "1;2;950", "2;3;975", "3;4;1.150", "4;5;1.350", "5;6;1.287"], "auto", "the point of '1.150'"),
-        (["0,02;8;1.15", "0,04;9;91"], ",", r"'1\.15' is not a number; table\.decimal \(.* says which"),
+        (
+            DIGITS,
+            "auto",
+            r"line 3, column load: the point of '1\.150' may be a decimal or a thousands mark; say",
+        ),
+        (
+            ["0.02\t8.5\t91", "0.04\t9.5\t1,150"],
+            "auto",
+            "line 3, column load: the comma of '1,150' may be",
+        ),
+        (
+            ["0;1;91", "1;2;950", "2;3;975", "3;4;1.150", "4;5;1.350", "5;6;1.287"],
+            "auto",
+            "the point of '1.150'",
+        ),
+        (
+            ["0,02;8;1.15", "0,04;9;91"],
+            ",",
+            r"'1\.15' is not a number; table\.decimal \(.* says which",
+        ),
         (["0,02;8;0.150", "0,04;9;91"], ",", r"'0\.150' is not a number"),
         (["0.02\t8\t1,5", "0.04\t9\t91"], ".", r"'1,5' is not a number"),
         (
@@ -163,7 +229,9 @@ def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tupl
         ),
     ],
 )
-def test_a_cell_with_a_mark_of_two_meanings_is_named(tmp_path: Path, rows: list[str], decimal: str, says: str) -> None:
+def test_a_cell_with_a_mark_of_two_meanings_is_named(
+    tmp_path: Path, rows: list[str], decimal: str, says: str
+) -> None:
     path, mark = tmp_path / "a.csv", next(mark for mark in ";\t," if mark in rows[0])
     path.write_text("\n".join([mark.join(("time", "angle", "load")), *rows]) + "\n")
     with pytest.raises(UsageError, match=says):

@@ -11,7 +11,16 @@ import pytest
 
 from knee_contact_ros import UsageError, load_model, solve
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, measure
+from knee_contact_ros.lab.trade import (
+    LEVELS,
+    NAMES,
+    REFERENCE,
+    TOLERANCES,
+    Setting,
+    Trade,
+    advice,
+    measure,
+)
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.results import Results
 from tests.offline.test_solve import make_bag
@@ -20,7 +29,9 @@ pytest.importorskip("matplotlib", reason="needs the extra trade")
 
 
 def of(found: Trade, level: str, tolerance: float) -> Setting:
-    (setting,) = (each for each in found.settings if (each.level, each.tolerance) == (level, tolerance))
+    (setting,) = (
+        each for each in found.settings if (each.level, each.tolerance) == (level, tolerance)
+    )
     return setting
 
 
@@ -35,17 +46,24 @@ def found(arthritic: Results) -> Trade:
 
 
 def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Results) -> None:
-    assert [(each.level, each.tolerance) for each in found.settings] == [(n, t) for n in NAMES for t in TOLERANCES]
+    assert [(each.level, each.tolerance) for each in found.settings] == [
+        (n, t) for n in NAMES for t in TOLERANCES
+    ]
     assert found.ticks == len(arthritic)
 
     def run(level: str, tolerance: float) -> Results:
         model = load_model(["osteoarthritis", "mri_knee", {"fidelity.level": level}])
-        return replace(model, tolerance=tolerance).run(arthritic.time, arthritic.flexion_angle, arthritic.load)
+        return replace(model, tolerance=tolerance).run(
+            arthritic.time, arthritic.flexion_angle, arthritic.load
+        )
 
     exact = run("dynamic", REFERENCE)
     for level, tolerance in (("quasi_static", 1e-4), ("dynamic", 1e-6), ("dynamic", 1e-9)):
         own, setting = run(level, tolerance), of(found, level, tolerance)
-        apart = own.contact_point.x - exact.contact_point.x, own.contact_point.y - exact.contact_point.y
+        apart = (
+            own.contact_point.x - exact.contact_point.x,
+            own.contact_point.y - exact.contact_point.y,
+        )
         assert setting.depth == np.abs(own.penetration_depth - exact.penetration_depth).max()
         assert setting.force == np.abs(own.contact_force - exact.contact_force).max()
         assert setting.point == np.hypot(*apart).max() > 0.0
@@ -56,7 +74,9 @@ def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Resu
     loaded = replace(load_model(["osteoarthritis", "mri_knee"]), tolerance=REFERENCE).run(
         arthritic.time, arthritic.flexion_angle, 1.01 * arthritic.load
     )
-    worth = np.abs(loaded.penetration_depth - exact.penetration_depth).max()  # in contact throughout
+    worth = np.abs(
+        loaded.penetration_depth - exact.penetration_depth
+    ).max()  # in contact throughout
     assert found.worth == pytest.approx(worth, rel=1e-3)
     unknown = arthritic.copy()
     unknown.model = None
@@ -64,11 +84,16 @@ def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Resu
         measure(unknown)
 
 
-def setting(level: str, tolerance: float, depth: float, flagged: float, evaluations: float) -> Setting:
+def setting(
+    level: str, tolerance: float, depth: float, flagged: float, evaluations: float
+) -> Setting:
     return Setting(level, tolerance, depth, 0.0, 0.0, flagged, evaluations, 1.0)
 
 
-STATIC, DYNAMIC = setting("quasi_static", 1e-5, 1e-6, 0.0, 2.0), setting("dynamic", 1e-5, 1e-8, 0.0, 9.0)
+STATIC, DYNAMIC = (
+    setting("quasi_static", 1e-5, 1e-6, 0.0, 2.0),
+    setting("dynamic", 1e-5, 1e-8, 0.0, 9.0),
+)
 
 
 @pytest.mark.parametrize(
@@ -78,10 +103,20 @@ STATIC, DYNAMIC = setting("quasi_static", 1e-5, 1e-6, 0.0, 2.0), setting("dynami
         ([STATIC._replace(flagged=0.1), DYNAMIC], "dynamic", "1e-05"),
         ([DYNAMIC._replace(tolerance=1e-4), DYNAMIC], "dynamic", "1e-05"),
         ([DYNAMIC, DYNAMIC._replace(tolerance=1e-6)], "dynamic", "1e-05"),
-        ([DYNAMIC._replace(depth=1e-4), DYNAMIC._replace(tolerance=1e-6, evaluations=12.0)], "dynamic", "1e-06"),
+        (
+            [DYNAMIC._replace(depth=1e-4), DYNAMIC._replace(tolerance=1e-6, evaluations=12.0)],
+            "dynamic",
+            "1e-06",
+        ),
     ],
-    ids=["cheapest", "it flags too much", "beyond what data are worth", "largest tolerance", "too large an error"],
-)  # fmt: skip
+    ids=[
+        "cheapest",
+        "it flags too much",
+        "beyond what data are worth",
+        "largest tolerance",
+        "too large an error",
+    ],
+)
 def test_the_cheapest_setting_that_is_good_enough_is_recommended(
     settings: list[Setting], level: str, tolerance: str
 ) -> None:
@@ -114,12 +149,23 @@ def test_the_command_prints_a_table_and_a_sentence_and_draws(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "trade.png"
-    arguments = ["trade", str(right_bag), "-p", "femur.mass:=5.0", "--worth", "1e-4", "--picture", str(picture)]
+    arguments = [
+        "trade",
+        str(right_bag),
+        "-p",
+        "femur.mass:=5.0",
+        "--worth",
+        "1e-4",
+        "--picture",
+        str(picture),
+    ]
     assert main(arguments) == 0
     printed, told = capsys.readouterr()
     assert told == ""
     for level in LEVELS.keys() - {"auto"}:
-        assert printed.count(f" {level} ") == len(TOLERANCES) + (level in printed.partition("Take fidelity.level")[2])
+        assert printed.count(f" {level} ") == len(TOLERANCES) + (
+            level in printed.partition("Take fidelity.level")[2]
+        )
     assert "Take fidelity.level quasi_static with fidelity.tolerance 0.0001: " in printed
     assert printed.endswith(f"Picture: {picture}\n")
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -128,19 +174,29 @@ def test_the_command_prints_a_table_and_a_sentence_and_draws(
 
 
 def test_doubts_come_before_the_advice_and_damage_ends_with_1(
-    right_bag: Path, sensors_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    right_bag: Path,
+    sensors_bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     bag, picture = tmp_path / "cut.mcap", ["--picture", str(tmp_path / "trade.png")]
     with monkeypatch.context() as patched:
         patched.setattr("sys.stderr", sys.stdout)
         bag.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
         assert main(["trade", str(bag), "-p", "contact.stiffness:=2500.0", *picture]) == 1
         said = capsys.readouterr().out
-    assert said.index("knee-contact: warning: contact.stiffness") < said.index("Take fidelity.level")
-    assert said.splitlines()[-1].startswith(f"knee-contact: bag {bag} is damaged, and solved as far as it can be read")
+    assert said.index("knee-contact: warning: contact.stiffness") < said.index(
+        "Take fidelity.level"
+    )
+    assert said.splitlines()[-1].startswith(
+        f"knee-contact: bag {bag} is damaged, and solved as far as it can be read"
+    )
     assert main(["trade", str(sensors_bag), *picture]) == 2
-    assert "; --remap joint_reaction_force:=TOPIC or --namespace NAME reads" in capsys.readouterr().err
+    assert (
+        "; --remap joint_reaction_force:=TOPIC or --namespace NAME reads"
+        in capsys.readouterr().err
+    )
     one = make_bag(tmp_path / "one.mcap", [(0, 0.1, 800.0)])
     assert main(["trade", str(one), *picture]) == 2
     assert (

@@ -13,7 +13,13 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros import UsageError
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.lab.uncertainty import Deviation, Propagated, deviations_of, factor, propagated
+from knee_contact_ros.lab.uncertainty import (
+    Deviation,
+    Propagated,
+    deviations_of,
+    factor,
+    propagated,
+)
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from tests.helpers.bags import write_rosbag2
@@ -23,7 +29,11 @@ from tests.offline.test_solve import make_bag, silent
 HEALTHY: dict[str, Any] = {}
 DISPLACED = {"drive": "displacement"}
 LOAD, STIFFNESS, EXPONENT = 1000.0, 7.905694e7, 1.5
-AT_REST = {"contact.law": "hertz", "fidelity.level": "quasi_static", "contact.stiffness": STIFFNESS}
+AT_REST = {
+    "contact.law": "hertz",
+    "fidelity.level": "quasi_static",
+    "contact.stiffness": STIFFNESS,
+}
 DEPTH = (0.5 * LOAD / STIFFNESS) ** (1.0 / EXPONENT)
 """[m] of half the load, at rest"""
 SHORT = 60
@@ -32,16 +42,32 @@ SHORT = 60
 
 def test_numbers_and_percents(tmp_path: Path) -> None:
     path = tmp_path / "sd.yaml"
-    path.write_text("flexion_angle: 0.02\naxial_load: 5 %\ncontact:\n  stiffness: 10%\n  damping: 20\n")
+    path.write_text(
+        "flexion_angle: 0.02\naxial_load: 5 %\ncontact:\n  stiffness: 10%\n  damping: 20\n"
+    )
     given = deviations_of(path, load_parameters(HEALTHY))
-    given += deviations_of({"femur.mass": np.int64(2), "femur.radius": np.float32(0.03125)}, load_parameters(HEALTHY))
+    given += deviations_of(
+        {"femur.mass": np.int64(2), "femur.radius": np.float32(0.03125)}, load_parameters(HEALTHY)
+    )
     assert given == (
-        Deviation("flexion_angle", 0.02, relative=False), Deviation("axial_load", 0.05, relative=True),
-        Deviation("contact.stiffness", 0.1, relative=True), Deviation("contact.damping", 20.0, relative=False),
-        Deviation("femur.mass", 2.0, relative=False), Deviation("femur.radius", 0.03125, relative=False),
-    )  # fmt: skip
-    assert [one.text for one in given] == ["0.02 rad", "5 %", "10 %", "20 N s/m", "2 kg", "0.03125 m"]
-    assert given[2].moved(200.0, 1.0) == pytest.approx(200.0 * math.exp(0.1), rel=1e-15)  # a percentage is a factor
+        Deviation("flexion_angle", 0.02, relative=False),
+        Deviation("axial_load", 0.05, relative=True),
+        Deviation("contact.stiffness", 0.1, relative=True),
+        Deviation("contact.damping", 20.0, relative=False),
+        Deviation("femur.mass", 2.0, relative=False),
+        Deviation("femur.radius", 0.03125, relative=False),
+    )
+    assert [one.text for one in given] == [
+        "0.02 rad",
+        "5 %",
+        "10 %",
+        "20 N s/m",
+        "2 kg",
+        "0.03125 m",
+    ]
+    assert given[2].moved(200.0, 1.0) == pytest.approx(
+        200.0 * math.exp(0.1), rel=1e-15
+    )  # a percentage is a factor
     assert given[2].moved(given[2].moved(200.0, 1.0), -1.0) == pytest.approx(200.0, rel=1e-15)
     assert given[3].moved(np.array([0.0, 100.0]), -2.0).tolist() == [-40.0, 60.0]
     path.write_text("- 3\n")
@@ -52,32 +78,73 @@ def test_numbers_and_percents(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("params", "name", "size", "said"),
     [
-        (HEALTHY, "load", 3.0, "load is not allowed; with drive force and load.compartment fixed_share flexion_angle"),
-        (HEALTHY, "contact.stifness", "5 %", "contact.stifness is not allowed; did you mean contact.stiffness?"),
+        (
+            HEALTHY,
+            "load",
+            3.0,
+            "load is not allowed; with drive force and load.compartment fixed_share flexion_angle",
+        ),
+        (
+            HEALTHY,
+            "contact.stifness",
+            "5 %",
+            "contact.stifness is not allowed; did you mean contact.stiffness?",
+        ),
         (HEALTHY, "fidelity.tolerance", 1e-6, "fidelity.tolerance is not allowed"),
-        (HEALTHY, "contact.stiffness", "ten", "contact.stiffness: 'ten' is not allowed; a number > 0"),
-        (HEALTHY, "contact.stiffness", "120 %", "'120 %' is not allowed; a number > 0 in SI units, or up to 100 %"),
-        (HEALTHY, "contact.stiffness", 1e9, "a number > 0 and up to 7.90569e+07 in SI units, or up to 100 %"),
-        (HEALTHY, "flexion_angle", 2.0, "a number > 0 and up to 0.35 in SI units; is it in degrees?"),
+        (
+            HEALTHY,
+            "contact.stiffness",
+            "ten",
+            "contact.stiffness: 'ten' is not allowed; a number > 0",
+        ),
+        (
+            HEALTHY,
+            "contact.stiffness",
+            "120 %",
+            "'120 %' is not allowed; a number > 0 in SI units, or up to 100 %",
+        ),
+        (
+            HEALTHY,
+            "contact.stiffness",
+            1e9,
+            "a number > 0 and up to 7.90569e+07 in SI units, or up to 100 %",
+        ),
+        (
+            HEALTHY,
+            "flexion_angle",
+            2.0,
+            "a number > 0 and up to 0.35 in SI units; is it in degrees?",
+        ),
         (HEALTHY, "medial_share", 5.0, "a number > 0 and up to 1 in SI units"),
         (HEALTHY, "axial_load", 1e5, "a number > 0 and up to 737.068 in SI units, or up to 100 %"),
         (DISPLACED, "femoral_height", 0.5, "a number > 0 and up to 0.01 in SI units"),
-        *((HEALTHY, "contact.stiffness", size, f"contact.stiffness: {size!r} is not allowed")
-          for size in (0.0, -1.0, math.nan, math.inf, 10**400, np.True_, True, None)),
-        (HEALTHY, "flexion_angle", "5 %", "flexion_angle: '5 %' is not allowed; a number > 0 in SI units"),
+        *(
+            (HEALTHY, "contact.stiffness", size, f"contact.stiffness: {size!r} is not allowed")
+            for size in (0.0, -1.0, math.nan, math.inf, 10**400, np.True_, True, None)
+        ),
+        (
+            HEALTHY,
+            "flexion_angle",
+            "5 %",
+            "flexion_angle: '5 %' is not allowed; a number > 0 in SI units",
+        ),
         (HEALTHY, "lateral.contact.stiffness", "5 %", "did you mean contact.stiffness?"),
         (HEALTHY, "femoral_height", 1e-4, "femoral_height is not allowed; with drive force"),
         (DISPLACED, "axial_load", 10.0, "axial_load is not allowed; with drive displacement"),
     ],
-)  # fmt: skip
-def test_what_cannot_be_is_refused_in_a_line(params: dict[str, Any], name: str, size: Any, said: str) -> None:
+)
+def test_what_cannot_be_is_refused_in_a_line(
+    params: dict[str, Any], name: str, size: Any, said: str
+) -> None:
     with pytest.raises(UsageError, match=f"^uncertainty: .*{re.escape(said)}"):
         deviations_of({name: size}, load_parameters(params))
 
 
 @pytest.fixture(scope="module")
 def short_bag(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_rosbag2(tmp_path_factory.mktemp("short") / "bag", raw_inputs(right_bag)[: 2 * SHORT])
+    return write_rosbag2(
+        tmp_path_factory.mktemp("short") / "bag", raw_inputs(right_bag)[: 2 * SHORT]
+    )
 
 
 def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_arguments(
@@ -87,9 +154,14 @@ def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_argume
     provenance = read_provenance(tmp_path / "out.mcap")
     assert provenance is not None
     with pytest.raises(UsageError, match="its parameters changed, or the model was reset"):
-        propagated(short_bag, provenance._replace(changes=(Change(3, None),)), {"flexion_angle": 0.01})
+        propagated(
+            short_bag, provenance._replace(changes=(Change(3, None),)), {"flexion_angle": 0.01}
+        )
     for arguments, said in (
-        ((short_bag, AT_REST), r"^uncertainty: no standard deviation is given; for example contact.stiffness: 10 %"),
+        (
+            (short_bag, AT_REST),
+            r"^uncertainty: no standard deviation is given; for example contact.stiffness: 10 %",
+        ),
         ((None, None, {"contact.stiffness": "1 %"}), r"^no bag: give one"),
         ((short_bag, AT_REST, tmp_path / "nowhere.yaml"), r"nowhere\.yaml"),
     ):
@@ -104,7 +176,9 @@ def resting(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def of(bag: Path, deviations: dict[str, Any], **values: Any) -> Propagated:
-    return knee_contact_ros.uncertainty(bag, {**AT_REST, **values}, deviations, compiled=False).medial
+    return knee_contact_ros.uncertainty(
+        bag, {**AT_REST, **values}, deviations, compiled=False
+    ).medial
 
 
 RADIUS = 1.0 / (1.0 / 0.034 - 1.0 / 0.095)
@@ -112,11 +186,16 @@ RADIUS = 1.0 / (1.0 / 0.034 - 1.0 / 0.095)
 
 @pytest.mark.parametrize(
     ("name", "size", "force", "stiffness"),
-    [("axial_load", "1 %", 0.01, 0.0), ("axial_load", 10.0, 0.01, 0.0), ("medial_share", 0.005, 0.01, 0.0),
-     ("load.share", 0.005, 0.01, 0.0), ("contact.stiffness", "1 %", 0.0, 0.01),
-     ("contact.stiffness", 0.01 * STIFFNESS, 0.0, 0.01),
-     ("contact.femoral_radius", 1e-4, 0.0, 1e-4 * RADIUS / 2.0 / 0.034**2)],
-)  # fmt: skip
+    [
+        ("axial_load", "1 %", 0.01, 0.0),
+        ("axial_load", 10.0, 0.01, 0.0),
+        ("medial_share", 0.005, 0.01, 0.0),
+        ("load.share", 0.005, 0.01, 0.0),
+        ("contact.stiffness", "1 %", 0.0, 0.01),
+        ("contact.stiffness", 0.01 * STIFFNESS, 0.0, 0.01),
+        ("contact.femoral_radius", 1e-4, 0.0, 1e-4 * RADIUS / 2.0 / 0.034**2),
+    ],
+)
 def test_the_depth_at_rest_goes_with_a_power(
     name: str, size: Any, force: float, stiffness: float, resting: Path
 ) -> None:
@@ -124,14 +203,22 @@ def test_the_depth_at_rest_goes_with_a_power(
 
     Of materials, K ~ √R, 1/R = 1/r_F - 1/r_T: dK/K = dR/(2R) = R/(2 r_F²) dr_F.
     """
-    found = of(resting, {name: size}, **({"contact.stiffness_from": "material"} if "radius" in name else {}))
+    found = of(
+        resting,
+        {name: size},
+        **({"contact.stiffness_from": "material"} if "radius" in name else {}),
+    )
     ((depths, forces),) = found.parts.values()
-    assert depths == pytest.approx((force - stiffness) / EXPONENT * found.rows["penetration_depth"], rel=3e-4)
+    assert depths == pytest.approx(
+        (force - stiffness) / EXPONENT * found.rows["penetration_depth"], rel=3e-4
+    )
     assert forces == pytest.approx(force * 0.5 * LOAD, abs=0.005 * LOAD * 3e-4)
     assert found.depth == pytest.approx(np.abs(depths), rel=1e-15)
 
 
-def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(resting: Path, tmp_path: Path) -> None:
+def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(
+    resting: Path, tmp_path: Path
+) -> None:
     found = of(resting, {"axial_load": "3 %", "contact.stiffness": "4 %", "femur.radius": 1e-3})
     depths = np.array([depth for depth, _ in found.parts.values()])
     assert (depths[2] == 0.0).all()  # a circle on a level plane is as deep with any radius
@@ -144,17 +231,25 @@ def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(resting
     found = of(light, {"axial_load": 0.9, "contact.stiffness": "90 %"})
     assert (found.depth_interval(0.999)[0] == 0.0).all()
     assert (found.force_interval(0.999)[0] == 0.0).all()
-    assert factor(0.95) == pytest.approx(1.959963984540054, rel=1e-12)  # tables of the normal distribution
+    assert factor(0.95) == pytest.approx(
+        1.959963984540054, rel=1e-12
+    )  # tables of the normal distribution
     for level in (0.0, 1.0, -0.3, math.nan):
-        with pytest.raises(UsageError, match=r"level: .* is not allowed; a probability between 0 and 1"):
+        with pytest.raises(
+            UsageError, match=r"level: .* is not allowed; a probability between 0 and 1"
+        ):
             found.depth_interval(level)
 
 
 def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
     ((depth, force),) = of(resting, {"load.share": 0.01}, **{"load.share": 1.0}).parts.values()
-    assert force == pytest.approx(0.01 * LOAD, rel=1e-9)  # from 0.99 to 1 only; the depth is solved to 1e-12 of it
+    assert force == pytest.approx(
+        0.01 * LOAD, rel=1e-9
+    )  # from 0.99 to 1 only; the depth is solved to 1e-12 of it
     assert (depth > 0.0).all()
-    with pytest.raises(UsageError, match=r"load\.share: 0\.6 exceeds the allowed range in both directions"):
+    with pytest.raises(
+        UsageError, match=r"load\.share: 0\.6 exceeds the allowed range in both directions"
+    ):
         of(resting, {"load.share": 0.6}, **{"load.share": 0.6})
 
 
@@ -162,14 +257,20 @@ def test_compartments_have_their_own_loads_and_follow_unless_they_are_named(rest
     both = {**AT_REST, "load.compartment": "both"}
     shared = knee_contact_ros.uncertainty(resting, both, {"medial_share": 0.01}, compiled=False)
     assert shared.lateral is not None
-    for one, sign in ((shared.medial, 1.0), (shared.lateral, -1.0)):  # what one gets the other one loses
+    for one, sign in (
+        (shared.medial, 1.0),
+        (shared.lateral, -1.0),
+    ):  # what one gets the other one loses
         ((_, force),) = one.parts.values()
         assert force == pytest.approx(sign * 0.01 * LOAD, rel=1e-9)
     medial, lateral = {"contact.stiffness": "10 %"}, {"lateral.contact.stiffness": "10 %"}
     ten = DEPTH * math.sinh(0.1 / EXPONENT)  # e^±0.1, to the power -1/n
     for deviations, alone in (
-        (medial, ten), (lateral, 0.0), (medial | lateral, ten), (medial | lateral | {"lateral.femur.radius": 1e-3}, ten)
-    ):  # fmt: skip
+        (medial, ten),
+        (lateral, 0.0),
+        (medial | lateral, ten),
+        (medial | lateral | {"lateral.femur.radius": 1e-3}, ten),
+    ):
         found = knee_contact_ros.uncertainty(resting, both, deviations, compiled=False)
         assert found.lateral is not None
         assert found.medial.depth == pytest.approx(alone, rel=1e-9, abs=1e-18)

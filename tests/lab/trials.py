@@ -41,8 +41,14 @@ def cells(noise: float = 0.0, seed: int = 1) -> dict[str, Floats]:
     """The tray's file: times, four cells and the goniometer, with noise [deg]."""
     time = np.arange(round(SECONDS * RATE)) / RATE
     parts = {"pm_n": 0.4, "am_n": 0.2, "al_n": 0.1, "pl_n": 0.3}
-    angle = flexion(time - DELAY) - OFFSET + noise * np.random.default_rng(seed).normal(size=len(time))
-    return {"time_s": time, **{name: part * load(time) for name, part in parts.items()}, "goniometer_deg": angle}
+    angle = (
+        flexion(time - DELAY) - OFFSET + noise * np.random.default_rng(seed).normal(size=len(time))
+    )
+    return {
+        "time_s": time,
+        **{name: part * load(time) for name, part in parts.items()},
+        "goniometer_deg": angle,
+    }
 
 
 def motion() -> dict[str, Floats]:
@@ -51,11 +57,15 @@ def motion() -> dict[str, Floats]:
     return {"time_s": time, "knee_flexion_deg": -flexion(time)}
 
 
-def write_csv(path: Path, columns: Mapping[str, Any], delimiter: str = ",", decimal: str = ".", top: str = "") -> Path:
+def write_csv(
+    path: Path, columns: Mapping[str, Any], delimiter: str = ",", decimal: str = ".", top: str = ""
+) -> Path:
     """A table with its names on top."""
     rows = [delimiter.join(columns)]
     rows += [
-        delimiter.join(cell if isinstance(cell, str) else f"{cell:.6f}".replace(".", decimal) for cell in row)
+        delimiter.join(
+            cell if isinstance(cell, str) else f"{cell:.6f}".replace(".", decimal) for cell in row
+        )
         for row in zip(*columns.values(), strict=True)
     ]
     path.write_text(top + "\n".join(rows) + "\n", encoding="utf-8")

@@ -37,7 +37,10 @@ def in_cup(radius: float) -> Distance:
         lean = np.clip(lean, -math.pi / 3.0, math.pi / 3.0)  # beyond, the end's tangent goes on
         along = np.where(np.abs(lean) == math.pi / 3.0, 1.0, 0.0)
         foot = radius * np.stack([np.sin(lean), 1.0 - np.cos(lean)], axis=1)
-        tangent, normal = np.stack([np.cos(lean), np.sin(lean)], 1), np.stack([-np.sin(lean), np.cos(lean)], 1)
+        tangent, normal = (
+            np.stack([np.cos(lean), np.sin(lean)], 1),
+            np.stack([-np.sin(lean), np.cos(lean)], 1),
+        )
         foot = foot + (along * ((points - foot) * tangent).sum(axis=1))[:, None] * tangent
         return ((points - foot) * normal).sum(axis=1), foot
 
@@ -47,7 +50,9 @@ def in_cup(radius: float) -> Distance:
 def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
     spline = CubicSpline(x, y)
     edges = (-reach, x[0], x[-1], reach)
-    dense = np.concatenate([np.arange(begin, end, DENSE) for begin, end in itertools.pairwise(edges)])
+    dense = np.concatenate(
+        [np.arange(begin, end, DENSE) for begin, end in itertools.pairwise(edges)]
+    )
 
     def height(place: Points, order: int = 0) -> Points:
         inside = np.clip(place, x[0], x[-1])
@@ -57,7 +62,10 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
 
     points, piece = np.stack([dense, height(dense)], axis=1), np.searchsorted(x, dense)
     # Two points may be equally near: also the nearest ones of every other, third and fifth piece are refined
-    groups = [np.ones(len(dense), bool), *(piece % number == k for number in (2, 3, 5) for k in range(number))]
+    groups = [
+        np.ones(len(dense), bool),
+        *(piece % number == k for number in (2, 3, 5) for k in range(number)),
+    ]
     trees = [(cKDTree(points[group]), dense[group]) for group in groups]
 
     def zoomed(points: Points, place: Points) -> Points:
@@ -77,7 +85,9 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
                 room = 1.0 + slope**2 - dy * height(place, 2)
                 step = (points[:, 0] - place + slope * dy) / np.where(room > 0.0, room, 1.0)
                 place = np.clip(place + step, start - DENSE, start + DENSE)
-            stuck = exact & (np.abs(step) > 1e-10)  # near a centre of curvature Newton's method does not settle
+            stuck = exact & (
+                np.abs(step) > 1e-10
+            )  # near a centre of curvature Newton's method does not settle
             place[stuck] = zoomed(points[stuck], start[stuck])
             foot = np.stack([place, height(place)], axis=1)
             away = np.hypot(*(points - foot).T)
@@ -101,7 +111,10 @@ class Femur:
     def places(self, s: Points, pose: Points) -> Points:
         """Points of the curve at `s` [m], shape (n, k), in poses (angle, x, height), shape (n, 3)."""
         px, py = self.spline(np.clip(s, 0.0, self.length))
-        (sine, cosine), (x, y) = (np.sin(pose[:, :1]), np.cos(pose[:, :1])), pose[:, 1:].T[:, :, None]
+        (sine, cosine), (x, y) = (
+            (np.sin(pose[:, :1]), np.cos(pose[:, :1])),
+            pose[:, 1:].T[:, :, None],
+        )
         return np.stack([x + cosine * px - sine * py, y + sine * px + cosine * py], axis=2)
 
 
@@ -119,13 +132,18 @@ def deepest(femur: Femur, distance: Distance, poses: Points) -> tuple[Points, Po
 
     coarse, _ = over(np.arange(len(poses)), np.broadcast_to(s, (len(poses), len(s))))
     best = coarse.min(axis=1)
-    which, at = np.nonzero(coarse < best[:, None] + 1.2 * s[1])  # the distance changes by no more than the way
+    which, at = np.nonzero(
+        coarse < best[:, None] + 1.2 * s[1]
+    )  # the distance changes by no more than the way
     centre = s[at]
     found, _ = over(which, centre[:, None] + fine)
     lowest = np.full(len(poses), np.inf)
     np.minimum.at(lowest, which, found.min(axis=1))
     framed = np.pad(found, ((0, 0), (1, 1)), constant_values=np.inf)
-    row, at = np.nonzero((found <= np.minimum(framed[:, :-2], framed[:, 2:])) & (found < lowest[which][:, None] + 2e-5))
+    row, at = np.nonzero(
+        (found <= np.minimum(framed[:, :-2], framed[:, 2:]))
+        & (found < lowest[which][:, None] + 2e-5)
+    )
     which, centre, width = which[row], centre[row] + fine[at], fine[1] - fine[0]
     for _ in range(ROUNDS):
         spread = np.linspace(-1.0, 1.0, 2 * ZOOM + 1) * width

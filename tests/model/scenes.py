@@ -28,7 +28,9 @@ TO_AND_FRO = table([0.0, 0.5, 1.0], [0.0, 0.01, -0.01])
 
 
 @cache
-def ellipse(points: int, a: float = 0.034, b: float = 0.028, noise: float = 0.0, seed: int = 2) -> Profile:
+def ellipse(
+    points: int, a: float = 0.034, b: float = 0.028, noise: float = 0.0, seed: int = 2
+) -> Profile:
     """The lower part of an ellipse, from posterior over inferior to anterior, with radial noise [m]: dents."""
     t = np.linspace(-np.pi - 0.9, 0.9, points)
     radial = np.random.default_rng(seed).normal(0.0, 1.0, points) * noise
@@ -53,22 +55,40 @@ PAIRS = {
 
 
 def thrown(
-    knee: KneeModel, depth: float, rate: float, duration: float, load: float = 0.0, end_load: float | None = None,
-    turn: tuple[float, float] = (0.0, 0.0), parts: int = 1, **state: float,
-) -> Contact:  # fmt: skip
+    knee: KneeModel,
+    depth: float,
+    rate: float,
+    duration: float,
+    load: float = 0.0,
+    end_load: float | None = None,
+    turn: tuple[float, float] = (0.0, 0.0),
+    parts: int = 1,
+    **state: float,
+) -> Contact:
     """The answer to one tick, cut into parts, that a femur begins at a depth [m] and its rate at a held angle [m/s].
 
     `turn` are the angles [rad] and `load` to `end_load` the loads [N] of the tick. `state` has other entries of the
     run's state, by the names of their places in `ticks`.
     """
     touching = knee.closest(turn[0], 0.0).depth  # of a level plane
-    begin = {"BEGUN": 1.0, "ANGLE": turn[0], "LOAD": load, "HEIGHT": touching - depth, "VELOCITY": -rate}
+    begin = {
+        "BEGUN": 1.0,
+        "ANGLE": turn[0],
+        "LOAD": load,
+        "HEIGHT": touching - depth,
+        "VELOCITY": -rate,
+    }
     before = np.zeros(ticks.STATE_SIZE)
     for name, value in ({**begin, "TRY_STEP": math.inf, "IMPACT": math.nan} | state).items():
         before[getattr(ticks, name)] = value
     part = np.linspace(0.0, 1.0, parts + 1)[1:, None]
     answers, last = blank(parts), load if end_load is None else end_load
-    samples = [duration / parts, turn[0], load, math.nan] + part * [0.0, turn[1] - turn[0], last - load, 0.0]
+    samples = [duration / parts, turn[0], load, math.nan] + part * [
+        0.0,
+        turn[1] - turn[0],
+        last - load,
+        0.0,
+    ]
     knee.compute(samples, answers, before)
     contact: Contact = answers[-1]
     return contact
@@ -83,7 +103,11 @@ def walking(count: int = 161, tick: float = 5e-3) -> Series:
     """Two humps of load over a stance, as in gait, and the knee bends meanwhile."""
     time = tick * np.arange(count)
     phase = math.tau * time / 0.8
-    return time, 0.3 - 0.25 * np.cos(phase), 700.0 - 350.0 * np.cos(phase) - 250.0 * np.cos(3.0 * phase)
+    return (
+        time,
+        0.3 - 0.25 * np.cos(phase),
+        700.0 - 350.0 * np.cos(phase) - 250.0 * np.cos(3.0 * phase),
+    )
 
 
 def hopping(count: int = 161, tick: float = 2e-3) -> Series:
@@ -95,7 +119,11 @@ def hopping(count: int = 161, tick: float = 2e-3) -> Series:
 def stepping(count: int = 121, tick: float = 5e-3) -> Series:
     """Loads that jump from one tick to the next and are held."""
     time = tick * np.arange(count)
-    return time, 0.3 + 0.0 * time, np.array([800.0, 2000.0, 100.0, 1200.0])[(np.arange(count) // 25) % 4]
+    return (
+        time,
+        0.3 + 0.0 * time,
+        np.array([800.0, 2000.0, 100.0, 1200.0])[(np.arange(count) // 25) % 4],
+    )
 
 
 def fast(knee: KneeModel) -> KneeModel:

@@ -76,9 +76,17 @@ class Folders:
     def use(self, begin: str = "", **environment: str) -> Outcome:
         """Compute by the toy model in a process of its own, which compares it with the plain one."""
         kept = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"}
-        env = kept | {"HOME": str(self.home), "PYTHONPATH": f"{self.model}:{ROOT}", "PYTHONDONTWRITEBYTECODE": "1"}
+        env = kept | {
+            "HOME": str(self.home),
+            "PYTHONPATH": f"{self.model}:{ROOT}",
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
         done = subprocess.run(
-            [sys.executable, "-c", begin + USE], capture_output=True, text=True, check=False, env=env | environment
+            [sys.executable, "-c", begin + USE],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=env | environment,
         )
         assert done.returncode == 0, done.stderr
         said = done.stderr.splitlines()
@@ -87,7 +95,12 @@ class Folders:
 
     def kept(self) -> list[Path]:
         """All files, complete or not."""
-        return [path for folder in (self.package, self.cache) if folder.is_dir() for path in folder.iterdir()]
+        return [
+            path
+            for folder in (self.package, self.cache)
+            if folder.is_dir()
+            for path in folder.iterdir()
+        ]
 
 
 @pytest.fixture
@@ -116,10 +129,13 @@ def damage(path: Path) -> None:
 
 
 HARMS: list[Callable[[Path], object]] = [
-    damage, lambda path: path.write_bytes(path.read_bytes()[:1000]), lambda path: path.write_bytes(b""),
-    lambda path: path.chmod(0o666), lambda path: path.symlink_to(path.rename(path.parents[3] / "home" / "elsewhere")),
+    damage,
+    lambda path: path.write_bytes(path.read_bytes()[:1000]),
+    lambda path: path.write_bytes(b""),
+    lambda path: path.chmod(0o666),
+    lambda path: path.symlink_to(path.rename(path.parents[3] / "home" / "elsewhere")),
     *[lambda path: os.chown(path, 12345, 12345)] * (os.geteuid() == 0),  # who is not root cannot
-]  # fmt: skip
+]
 """Damage, a part, nothing, a file that others can write, a link, and one that belongs to another user"""
 
 
@@ -155,7 +171,9 @@ def test_without_a_place_it_is_compiled_for_the_process(folders: Folders) -> Non
     assert nowhere.compiled
     (line,) = nowhere.warnings
     assert line.endswith("; what was compiled is not kept")
-    no_home = folders.use("import os, pwd; del os.environ['HOME']; pwd.getpwuid = lambda _: {}['nobody']\n")
+    no_home = folders.use(
+        "import os, pwd; del os.environ['HOME']; pwd.getpwuid = lambda _: {}['nobody']\n"
+    )
     assert (no_home.answer, no_home.compiled, len(no_home.warnings)) == (nowhere.answer, True, 1)
 
 
@@ -167,7 +185,11 @@ def test_on_a_full_disk_no_part_of_a_file_stays(folders: Folders) -> None:
 
 
 @pytest.mark.parametrize(
-    "begin", ["import sys; sys.modules['numba'] = None\n", "import os; os.environ['NUMBA_DISABLE_JIT'] = '1'\n"]
+    "begin",
+    [
+        "import sys; sys.modules['numba'] = None\n",
+        "import os; os.environ['NUMBA_DISABLE_JIT'] = '1'\n",
+    ],
 )
 def test_without_numba_one_line_says_so(begin: str, folders: Folders) -> None:
     outcome = folders.use(begin)

@@ -57,9 +57,13 @@ def test_depth_and_rate_are_those_prescribed() -> None:
     depth = 3e-4 + 4e-4 * np.sin(47.0 * TIME)
     series = led().run(TIME, NONE, 700.0 + NONE, pressed(depth))
     assert signed(series) == pytest.approx(depth, abs=1e-17)  # rounding of heights of 34 mm
-    assert series.penetration_rate[1:] == pytest.approx(rates(depth), abs=1e-13)  # that rounding over a tick
+    assert series.penetration_rate[1:] == pytest.approx(
+        rates(depth), abs=1e-13
+    )  # that rounding over a tick
     # The rounding of the rate times the dashpot (5e-10 N), that of the depth times the slope (7e-12 N): with room
-    assert series.contact_force[1:] == pytest.approx(kelvin_voigt(depth[1:], rates(depth)), abs=1e-8)
+    assert series.contact_force[1:] == pytest.approx(
+        kelvin_voigt(depth[1:], rates(depth)), abs=1e-8
+    )
     assert (series.load == 700.0).all()  # passed on, not used
     assert series.contact_state.min() == ContactState.SEPARATED
     assert (series.evaluations[depth <= 0.0] == 0).all()
@@ -68,15 +72,22 @@ def test_depth_and_rate_are_those_prescribed() -> None:
 @pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
 def test_the_speed_at_touch_is_remembered(name: str) -> None:
     speed, knee = 0.035, led(name, least_impact_speed=1e-3)
-    depth = np.minimum(speed * (TIME - 0.0105), 4e-4)  # comes down, touches between two ticks, and stops
+    depth = np.minimum(
+        speed * (TIME - 0.0105), 4e-4
+    )  # comes down, touches between two ticks, and stops
     series = knee.run(TIME, NONE, NONE, pressed(depth))
-    expected = [knee.law.force_at(*row, speed)[0] for row in zip(depth[1:], rates(depth), strict=True)]
+    expected = [
+        knee.law.force_at(*row, speed)[0] for row in zip(depth[1:], rates(depth), strict=True)
+    ]
     inside = depth[1:] > 0.0
     # Rounding of heights of 34 mm over a tick (1e-14 m/s) against 0.035 m/s, and of the depth against 1e-5 m
     assert series.contact_force[1:][inside] == pytest.approx(np.array(expected)[inside], rel=1e-9)
     # Each touch has its own: (tick, the tick that touched): 0.03 m/s first, then 0.06 m/s, which lasts.
     depth, time = np.array([-1e-4, 2e-4, -1e-4, 5e-4, 6e-4]), 1e-2 * np.arange(5.0)
-    series, speeds = knee.run(time, np.zeros(5), np.zeros(5), pressed(depth)), np.diff(depth) / np.diff(time)
+    series, speeds = (
+        knee.run(time, np.zeros(5), np.zeros(5), pressed(depth)),
+        np.diff(depth) / np.diff(time),
+    )
     for tick, touched in ((1, 1), (3, 3), (4, 3)):
         force = knee.law.force_at(depth[tick], speeds[tick - 1], speeds[touched - 1])[0]
         # Rounding of heights of 34 mm over a tick (7e-16 m/s) against 0.01 m/s, and of the depth against 0.2 mm
@@ -89,21 +100,28 @@ def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: st
     # An ellipse that turns over its plateau by 0.5 rad in one tick: its surface comes down ever more slowly.
     geometry, begin, turn, duration = ellipse(320), 0.6, 0.5, 0.02
     height = geometry.support(0.8)[0]
-    touch = brentq(lambda angle: geometry.support(angle)[0] - height, begin, begin + turn, xtol=1e-15)
+    touch = brentq(
+        lambda angle: geometry.support(angle)[0] - height, begin, begin + turn, xtol=1e-15
+    )
     speed, rate = (geometry.support(angle)[1] * turn / duration for angle in (touch, begin + turn))
     assert rate < 0.8 * speed
     contact_law = law(name, least_impact_speed=1e-3)
     knee = model(contact_law, geometry=geometry, height_prescribed=True)
     end = knee.run([0.0, duration], [begin, begin + turn], [0.0, 0.0], [height, height])[-1]
     expected = contact_law.force_at(geometry.support(begin + turn)[0] - height, rate, speed)[0]
-    assert end.contact_force == pytest.approx(expected, rel=1e-11)  # h to 1e-16 m at a depth of 1 mm
+    assert end.contact_force == pytest.approx(
+        expected, rel=1e-11
+    )  # h to 1e-16 m at a depth of 1 mm
 
 
 def test_the_drives_are_not_mixed_up() -> None:
     heights, knee = pressed(3e-4 + 4e-4 * np.sin(47.0 * TIME)), led("gonthier")
     rows = zip(TIME.tolist(), NONE.tolist(), NONE.tolist(), heights.tolist(), strict=True)
     stream = knee.stream()
-    assert b"".join(stream.tick(*row).tobytes() for row in rows) == knee.run(TIME, NONE, NONE, heights).tobytes()
+    assert (
+        b"".join(stream.tick(*row).tobytes() for row in rows)
+        == knee.run(TIME, NONE, NONE, heights).tobytes()
+    )
     force = model(law("hertz"))
     for run, words in (
         (lambda: knee.run(TIME, NONE, NONE), "drive displacement needs a femoral_height"),

@@ -36,7 +36,9 @@ def test_hertz_impact_has_its_depth_and_duration_and_gives_all_energy_back() -> 
     deepest = (5 * SPEED**2 / (4 * STIFFNESS)) ** 0.4  # m = 1 kg
     # Hertz 1882: twice the integral of 1/√(1 - x^2.5) from 0 to 1, which is 2.943 (by Beta functions).
     duration = 0.8 * math.sqrt(math.pi) * math.gamma(0.4) / math.gamma(0.9) * deepest / SPEED
-    assert signed(impact(law("hertz"), 0.5 * duration)) == pytest.approx(deepest, abs=10 * TOLERANCE)
+    assert signed(impact(law("hertz"), 0.5 * duration)) == pytest.approx(
+        deepest, abs=10 * TOLERANCE
+    )
     parted = impact(law("hertz"), 0.02)
     # TOLERANCE x natural frequency (about 1.5 SPEED/deepest = 1e3 rad/s) over SPEED is 3e-7; with room
     assert parted.penetration_rate == pytest.approx(-SPEED, rel=1e-6)
@@ -59,19 +61,27 @@ def test_linear_kelvin_voigt_impact_is_the_damped_oscillator() -> None:
     assert impact(linear, 0.02).penetration_rate == pytest.approx(speed, rel=1e-6)
     # That may pull, it goes on swinging.
     swings = thrown(model(linear, TOLERANCE, mass=1.0, allow_tension=True), 1e-5, -SPEED, 1e-6)
-    assert swings.contact_force < 0.0 == thrown(model(linear, TOLERANCE, mass=1.0), 1e-5, -SPEED, 1e-6).contact_force
+    assert (
+        swings.contact_force
+        < 0.0
+        == thrown(model(linear, TOLERANCE, mass=1.0), 1e-5, -SPEED, 1e-6).contact_force
+    )
 
 
 @pytest.mark.parametrize("damping", [0.0, 2e3, 4e4])
 @pytest.mark.parametrize("duration", [1e-4, 4e-3, 0.05])
-def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(damping: float, duration: float) -> None:
+def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(
+    damping: float, duration: float
+) -> None:
     """Swinging and creeping, by explicit and by implicit steps; at rest it lies at 0.2 mm."""
     mass, spring, rest = 2.0, 4e6, 2e-4
     linear = law("kelvin_voigt", stiffness=spring, exponent=1.0, damping=damping)
     knee = model(linear, TOLERANCE, mass=mass, allow_tension=True)
     motion = np.array([[0.0, 1.0], [-spring / mass, -damping / mass]])
     values, vectors = np.linalg.eig(motion)
-    away = (vectors @ np.diag(np.exp(values * duration)) @ np.linalg.inv(vectors) @ [1e-4, 0.02]).real
+    away = (
+        vectors @ np.diag(np.exp(values * duration)) @ np.linalg.inv(vectors) @ [1e-4, 0.02]
+    ).real
     found = thrown(knee, rest + 1e-4, 0.02, duration, load=spring * rest)
     assert abs(signed(found) - rest - away[0]) <= found.error_estimate <= TOLERANCE
     # The tolerance times spring and dashpot
@@ -83,19 +93,27 @@ def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(damping: float,
 def test_a_flight_is_a_parabola(load: float, load_rate: float) -> None:
     knee, h, mass = model(law("kelvin_voigt"), mass=2.0), 0.01, 2.0
     begins = thrown(knee, -5e-2, -0.4, h, load=load)
-    assert signed(begins) == pytest.approx(-5e-2 - 0.4 * h + 0.5 * load / mass * h**2, abs=1e-16)  # rounding of 0.1 m
+    assert signed(begins) == pytest.approx(
+        -5e-2 - 0.4 * h + 0.5 * load / mass * h**2, abs=1e-16
+    )  # rounding of 0.1 m
     assert begins.evaluations == 0
     # thrown off by a jump of the load, it flies on while the load changes
     time = h * np.arange(4.0)
     series = knee.run(time, 0.0 * time, [100.0, -1e3, load, load + load_rate * h])
     rate, fall = series.penetration_rate[2], load * h**2 / 2 + load_rate * h**3 / 6
-    assert signed(series)[3] == pytest.approx(signed(series)[2] + rate * h + fall / mass, abs=1e-15)
-    assert series.penetration_rate[3] == pytest.approx(rate + (load * h + load_rate * h**2 / 2) / mass, abs=1e-13)
+    assert signed(series)[3] == pytest.approx(
+        signed(series)[2] + rate * h + fall / mass, abs=1e-15
+    )
+    assert series.penetration_rate[3] == pytest.approx(
+        rate + (load * h + load_rate * h**2 / 2) / mass, abs=1e-13
+    )
 
 
 def test_a_state_on_the_boundary_goes_where_it_moves() -> None:
     knee = model(law("kelvin_voigt"), TOLERANCE, mass=1.0)
-    assert signed(thrown(knee, 0.0, -SPEED, 1e-3)) == pytest.approx(-SPEED * 1e-3, rel=1e-12)  # rounding
+    assert signed(thrown(knee, 0.0, -SPEED, 1e-3)) == pytest.approx(
+        -SPEED * 1e-3, rel=1e-12
+    )  # rounding
     assert signed(thrown(knee, 0.0, SPEED, 1e-4)) > 0.0
 
 
@@ -118,30 +136,48 @@ class Impact(NamedTuple):
 
 
 IMPACTS = (
-    Impact(1.0, 1e6, 9.3, 0.5), Impact(1.5, 7.905694e7, 1.0, 5.0), Impact(2.0, 1.7e9, 20.0, 0.2),
+    Impact(1.0, 1e6, 9.3, 0.5),
+    Impact(1.5, 7.905694e7, 1.0, 5.0),
+    Impact(2.0, 1.7e9, 20.0, 0.2),
     Impact(3.0, 1e12, 0.5, 1.0),
-)  # fmt: skip
+)
 
 
 def delivered_restitution(loss: float) -> float:
     """Speed after over speed before the impact: the root e of (1 + e) D = ln((1 + D)/(1 - e D))."""
     end = min(1.0, (1.0 - 1e-14) / loss)
-    return float(brentq(lambda e: (1.0 + e) * loss - math.log((1.0 + loss) / (1.0 - e * loss)), 0.0, end, xtol=1e-14))
+    return float(
+        brentq(
+            lambda e: (1.0 + e) * loss - math.log((1.0 + loss) / (1.0 - e * loss)),
+            0.0,
+            end,
+            xtol=1e-14,
+        )
+    )
 
 
-@pytest.mark.parametrize(("name", "half", "least", "error"), [
-    ("hunt_crossley", 0.663, 0.9, 0.01), ("lankarani_nikravesh", 0.725, 0.92, 0.01), ("flores", 0.470, 0.1, 0.05),
-    ("flores", 0.470, 0.83, 0.01), ("gonthier", 0.488, 0.1, 0.033),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "half", "least", "error"),
+    [
+        ("hunt_crossley", 0.663, 0.9, 0.01),
+        ("lankarani_nikravesh", 0.725, 0.92, 0.01),
+        ("flores", 0.470, 0.1, 0.05),
+        ("flores", 0.470, 0.83, 0.01),
+        ("gonthier", 0.488, 0.1, 0.033),
+    ],
+)
 def test_the_stated_limits_of_validity(name: str, half: float, least: float, error: float) -> None:
-    assert delivered_restitution(LOSSES[name](0.5)) == pytest.approx(half, abs=0.5e-3)  # the last digit
+    assert delivered_restitution(LOSSES[name](0.5)) == pytest.approx(
+        half, abs=0.5e-3
+    )  # the last digit
     for hundredth in range(round(100 * least), 100):
         restitution = hundredth / 100
         assert abs(delivered_restitution(LOSSES[name](restitution)) - restitution) < error
 
 
 @pytest.mark.parametrize(
-    ("impact", "restitution"), [*((impact, 0.5) for impact in IMPACTS), (IMPACTS[1], 0.1), (IMPACTS[1], 0.9)]
+    ("impact", "restitution"),
+    [*((impact, 0.5) for impact in IMPACTS), (IMPACTS[1], 0.1), (IMPACTS[1], 0.9)],
 )
 @pytest.mark.parametrize("name", LOSSES)
 def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution: float) -> None:
@@ -161,31 +197,54 @@ def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution
     apart = after(long)
     assert signed(apart) < 0.0
     # An error of TOLERANCE in depth is one of TOLERANCE x speed/depth in the rate.
-    assert -apart.penetration_rate / speed == pytest.approx(delivered_restitution(loss), abs=TOLERANCE / depth)
+    assert -apart.penetration_rate / speed == pytest.approx(
+        delivered_restitution(loss), abs=TOLERANCE / depth
+    )
 
 
 def test_coefficients_satisfy_the_order_conditions() -> None:
     s = solver
-    explicit = lower([(s.A21,), (s.A31, s.A32), (s.A41, s.A42, s.A43), (s.A51, s.A52, s.A53, s.A54),
-                      (s.A61, s.A62, s.A63, s.A64, s.A65)], 0.0)  # fmt: skip
+    explicit = lower(
+        [
+            (s.A21,),
+            (s.A31, s.A32),
+            (s.A41, s.A42, s.A43),
+            (s.A51, s.A52, s.A53, s.A54),
+            (s.A61, s.A62, s.A63, s.A64, s.A65),
+        ],
+        0.0,
+    )
     weights = np.array([s.B1, 0.0, s.B3, s.B4, s.B5, 0.0])
     fifth = weights - np.array([s.E1, 0.0, s.E3, s.E4, s.E5, s.E6])
     c = np.array([0.0, s.C2, s.C3, s.C4, 1.0, s.C6])
-    implicit = lower([(s.G21,), (s.G31, s.G32), (s.G41, s.G42, s.G43), (s.G51, s.G52, s.G53, s.G54),
-                      (s.G61, 0.0, s.G63, s.G64, s.G65)], s.G)  # fmt: skip
+    implicit = lower(
+        [
+            (s.G21,),
+            (s.G31, s.G32),
+            (s.G41, s.G42, s.G43),
+            (s.G51, s.G52, s.G53, s.G54),
+            (s.G61, 0.0, s.G63, s.G64, s.G65),
+        ],
+        s.G,
+    )
     d = np.array([0.0, s.D2, s.D3, s.D4, s.D5, 1.0])
     # Rounding of sums of terms up to 8
     for a, b, nodes in ((explicit, weights, c), (explicit, fifth, c), (implicit, implicit[5], d)):
         assert a.sum(axis=1) == pytest.approx(nodes, abs=2e-15)
         assert residuals(a, b, nodes) == pytest.approx([0.0] * 8, abs=2e-15)
     # L-stable: the amplification goes to 0 like 1/z. (Beyond 1e6 the linear system loses its digits.)
-    small, smaller = (1 + z * implicit[5] @ np.linalg.solve(np.eye(6) - z * implicit, np.ones(6)) for z in (-1e4, -1e5))
+    small, smaller = (
+        1 + z * implicit[5] @ np.linalg.solve(np.eye(6) - z * implicit, np.ones(6))
+        for z in (-1e4, -1e5)
+    )
     assert abs(small) < 0.002
     assert smaller == pytest.approx(small / 10, rel=0.01)
     # Where a layer begins, as t^1.5, the difference of the orders is a tenth of the error, in either direction.
     for way in (c**1.5, (1.0 - c) ** 1.5):
         true = abs(float(weights @ way) - 0.4)
-        assert solver.SINGULAR * abs(float((weights - fifth) @ way)) == pytest.approx(true, rel=0.4)
+        assert solver.SINGULAR * abs(float((weights - fifth) @ way)) == pytest.approx(
+            true, rel=0.4
+        )
 
 
 def lower(rows: list[tuple[float, ...]], diagonal: float) -> np.ndarray:
@@ -199,9 +258,15 @@ def lower(rows: list[tuple[float, ...]], diagonal: float) -> np.ndarray:
 def residuals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
     """What is left of the conditions of the 4th order."""
     return [
-        b.sum() - 1, b @ c - 1 / 2, b @ c**2 - 1 / 3, b @ a @ c - 1 / 6, b @ c**3 - 1 / 4,
-        (b * c) @ a @ c - 1 / 8, b @ a @ c**2 - 1 / 12, b @ a @ a @ c - 1 / 24,
-    ]  # fmt: skip
+        b.sum() - 1,
+        b @ c - 1 / 2,
+        b @ c**2 - 1 / 3,
+        b @ a @ c - 1 / 6,
+        b @ c**3 - 1 / 4,
+        (b * c) @ a @ c - 1 / 8,
+        b @ a @ c**2 - 1 / 12,
+        b @ a @ a @ c - 1 / 24,
+    ]
 
 
 @pytest.mark.parametrize("kind", PAIRS)
@@ -211,8 +276,10 @@ def test_answers_converge_with_the_tolerance(name: str, kind: str) -> None:
     time = 2e-3 * np.arange(80)
     angle, load = 0.3 + 0.2 * np.sin(15.0 * time), 700.0 + 500.0 * np.sin(60.0 * time)
     pair = PAIRS[kind]()
-    exact, *others = (fast(model(law(name), tolerance, pair=pair)).run(time, angle, load)
-                      for tolerance in (1e-11, 1e-5, 1e-7, 1e-9))  # fmt: skip
+    exact, *others = (
+        fast(model(law(name), tolerance, pair=pair)).run(time, angle, load)
+        for tolerance in (1e-11, 1e-5, 1e-7, 1e-9)
+    )
     for tolerance, found in zip((1e-5, 1e-7, 1e-9), others, strict=True):
         error = np.abs(signed(found) - signed(exact))
         fine = (found.status == Status.OK) & (exact.error_estimate < 0.1 * tolerance)

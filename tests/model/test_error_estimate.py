@@ -37,19 +37,27 @@ def of(height: float, velocity: float) -> Error:
 
 @pytest.mark.parametrize("h", [1e-5, 2e-4, 2e-3])
 @pytest.mark.parametrize(("stiffness", "damping"), CONTACTS)
-def test_an_error_is_carried_by_the_linear_contact(stiffness: float, damping: float, h: float) -> None:
+def test_an_error_is_carried_by_the_linear_contact(
+    stiffness: float, damping: float, h: float
+) -> None:
     through = expm(h * np.array([[0.0, 1.0], [-stiffness / MASS, -damping / MASS]]))
     spread = np.array([[4e-14, 1e-12], [1e-12, 9e-10]])
     # rounding of the exponential's scaling
-    carried = over_step(Error(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, stiffness, stiffness, damping, MASS, h)
+    carried = over_step(
+        Error(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, stiffness, stiffness, damping, MASS, h
+    )
     assert carried[:2] == pytest.approx(tuple(through @ [3e-7, -1e-4]), rel=1e-8, abs=1e-18)
     expected = through @ spread @ through.T
-    assert carried[2:] == pytest.approx((expected[0, 0], expected[0, 1], expected[1, 1]), rel=1e-8, abs=1e-24)
+    assert carried[2:] == pytest.approx(
+        (expected[0, 0], expected[0, 1], expected[1, 1]), rel=1e-8, abs=1e-24
+    )
 
 
 @pytest.mark.parametrize("rate", [0.2, -0.2])
 @pytest.mark.parametrize("jump", [50.0, -50.0])
-def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float, jump: float) -> None:
+def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(
+    rate: float, jump: float
+) -> None:
     # Two femora under no load, one higher by e: they meet the boundary e/rate apart in time; so long the force acts.
     e, t = 1e-6, 1e-3
     meeting = [-h / -rate for h in (0.0, e)]
@@ -58,7 +66,11 @@ def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float,
     assert found.velocity == pytest.approx(velocities[1] - velocities[0], rel=1e-12)
     assert found.height == e
     # A jump met at no speed is not felt longer than the interval.
-    assert 0.0 < abs(saltation(of(e, 0.0), 0.0, jump, 0.0, MASS, 5e-3).velocity) <= 5e-3 * abs(jump) / MASS
+    assert (
+        0.0
+        < abs(saltation(of(e, 0.0), 0.0, jump, 0.0, MASS, 5e-3).velocity)
+        <= 5e-3 * abs(jump) / MASS
+    )
 
 
 def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
@@ -70,22 +82,25 @@ def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
     assert bounded(of(1e-7, 1e-4)) == of(1e-7, 1e-4)
 
 
-@pytest.mark.parametrize(("found", "expected"), [
-    (reach(of(1e-6, 0.0), math.inf), EXPECTED * 1e-6),
-    (reach(of(0.0, 1e-4), math.inf), 0.0),  # in flight a velocity has had no effect yet
-    (reach(of(0.0, 1e-4), 1e3), EXPECTED * 1e-7),  # a swing that passes zero is still an error
-    (reach(of(3e-7, 4e-4), 1e3), EXPECTED * 5e-7),
-    (reach(Error(0.0, 0.0, 9e-14, 0.0, 16e-8), 1e3), SPREAD * 5e-7),
-    (reach(Error(1e-6, 0.0, 1e-12, 0.0, 0.0), math.inf), EXPECTED * 1e-6 + SPREAD * 1e-6),
-    (velocity_reach(Error(0.0, -2e-4, 0.0, 0.0, 1e-8)), EXPECTED * 2e-4 + SPREAD * 1e-4),
-    # An error that creeps: the dashpot carries what the spring does not. Alone, either is an error of the force.
-    (force_reach(of(1e-6, -2e-4), 4e6, 2e4, 0.0, math.inf), 0.0),
-    (force_reach(of(1e-6, 0.0), 4e6, 2e4, 0.0, math.inf), EXPECTED * 4.0),
-    (force_reach(of(1e-6, 0.0), 4e6, 2e4, -3.0, math.inf), EXPECTED * 1.0),
-    (force_reach(of(0.0, 1e-3), 0.0, 2e4, 0.0, HELD), EXPECTED * 20.0),
-    (force_reach(of(0.0, 1e-3), 4e6, 0.0, 0.0, HELD), EXPECTED * 4e3 / HELD),
-    (force_reach(Error(0.0, 0.0, 1e-12, 0.0, 0.0), 4e6, 2e4, 0.0, math.inf), SPREAD * 4.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("found", "expected"),
+    [
+        (reach(of(1e-6, 0.0), math.inf), EXPECTED * 1e-6),
+        (reach(of(0.0, 1e-4), math.inf), 0.0),  # in flight a velocity has had no effect yet
+        (reach(of(0.0, 1e-4), 1e3), EXPECTED * 1e-7),  # a swing that passes zero is still an error
+        (reach(of(3e-7, 4e-4), 1e3), EXPECTED * 5e-7),
+        (reach(Error(0.0, 0.0, 9e-14, 0.0, 16e-8), 1e3), SPREAD * 5e-7),
+        (reach(Error(1e-6, 0.0, 1e-12, 0.0, 0.0), math.inf), EXPECTED * 1e-6 + SPREAD * 1e-6),
+        (velocity_reach(Error(0.0, -2e-4, 0.0, 0.0, 1e-8)), EXPECTED * 2e-4 + SPREAD * 1e-4),
+        # An error that creeps: the dashpot carries what the spring does not. Alone, either is an error of the force.
+        (force_reach(of(1e-6, -2e-4), 4e6, 2e4, 0.0, math.inf), 0.0),
+        (force_reach(of(1e-6, 0.0), 4e6, 2e4, 0.0, math.inf), EXPECTED * 4.0),
+        (force_reach(of(1e-6, 0.0), 4e6, 2e4, -3.0, math.inf), EXPECTED * 1.0),
+        (force_reach(of(0.0, 1e-3), 0.0, 2e4, 0.0, HELD), EXPECTED * 20.0),
+        (force_reach(of(0.0, 1e-3), 4e6, 0.0, 0.0, HELD), EXPECTED * 4e3 / HELD),
+        (force_reach(Error(0.0, 0.0, 1e-12, 0.0, 0.0), 4e6, 2e4, 0.0, math.inf), SPREAD * 4.0),
+    ],
+)
 def test_what_is_published_of_an_error(found: float, expected: float) -> None:
     # written out: the constants are those that studies of thousands of scenes have found
     assert (EXPECTED, SPREAD, STEPWISE) == (1.25, 3.0, 1.6)
@@ -105,12 +120,16 @@ def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
 
 def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() -> None:
     # The answer has long come to rest by the tick's end; the exact femur may still be on its way: 1 cm.
-    touched = thrown(model(law("kelvin_voigt"), 1e-10, mass=MASS), -1e-4, 0.02, 0.05, load=1.0, E_HH=1e-4)
+    touched = thrown(
+        model(law("kelvin_voigt"), 1e-10, mass=MASS), -1e-4, 0.02, 0.05, load=1.0, E_HH=1e-4
+    )
     assert touched.penetration_depth > 0.0
     assert touched.error_estimate > 1e-3
 
 
-@pytest.mark.parametrize(("depth", "rate", "duration"), [(4e-4, 0.0, 2e-3), (-1e-4, 0.2, 4e-3), (4e-4, -0.1, 0.02)])
+@pytest.mark.parametrize(
+    ("depth", "rate", "duration"), [(4e-4, 0.0, 2e-3), (-1e-4, 0.2, 4e-3), (4e-4, -0.1, 0.02)]
+)
 @pytest.mark.parametrize("name", ["kelvin_voigt", "two_layer_viscoelastic", "hertz"])
 @pytest.mark.parametrize("off", [1e-8, -1e-8])
 def test_an_error_of_the_start_is_carried_to_the_end(
@@ -119,6 +138,10 @@ def test_an_error_of_the_start_is_carried_to_the_end(
     """The difference of two exact motions that begin so far apart is within what is published, and not far below."""
     knee = model(law(name), 1e-11, mass=MASS)
     believed = thrown(knee, depth, rate, duration, load=300.0, E_HEIGHT=off)
-    true = thrown(knee, depth + off, rate, duration, load=300.0)  # it lies lower: too high by `off`
+    true = thrown(
+        knee, depth + off, rate, duration, load=300.0
+    )  # it lies lower: too high by `off`
     assert abs(signed(true) - signed(believed)) <= believed.error_estimate
-    assert believed.error_estimate <= 50.0 * max(abs(signed(true) - signed(believed)), 0.1 * abs(off))
+    assert believed.error_estimate <= 50.0 * max(
+        abs(signed(true) - signed(believed)), 0.1 * abs(off)
+    )

@@ -17,12 +17,17 @@ from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
 from studies.honesty.truth import reference
 
 
-def answered(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> Judged:
+def answered(
+    scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0
+) -> Judged:
     """The answers to a scene, judged."""
     model = knee(scene, level, tolerance, budget, force_tolerance)
     series = model.run(scene.time, scene.angle, scene.load)
     if len(series) <= 60:  # ticks of these scenes cost up to 1e5 evaluations
-        assert replace(model, compiled=False).run(scene.time, scene.angle, scene.load).tobytes() == series.tobytes()
+        assert (
+            replace(model, compiled=False).run(scene.time, scene.angle, scene.load).tobytes()
+            == series.tobytes()
+        )
     return judge(series, reference(scene), tolerance, force_tolerance)
 
 
@@ -33,12 +38,19 @@ def covered(found: Judged) -> float:
     return float(found.depth.covered[found.depth.known].mean())
 
 
-@pytest.mark.parametrize(("seed", "level", "tolerance"), [
-    (1000197, "quasi_static", 1e-6),  # no load at all: the surface throws the femur up
-    (1000178, "quasi_static", 1e-6),  # the first load after none, on an undamped layer
-    (1000150, "quasi_static", 1e-5),
-    (1000294, "quasi_static", 1e-6),  # a load that ends within a tick, faster than the contact swings
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("seed", "level", "tolerance"),
+    [
+        (1000197, "quasi_static", 1e-6),  # no load at all: the surface throws the femur up
+        (1000178, "quasi_static", 1e-6),  # the first load after none, on an undamped layer
+        (1000150, "quasi_static", 1e-5),
+        (
+            1000294,
+            "quasi_static",
+            1e-6,
+        ),  # a load that ends within a tick, faster than the contact swings
+    ],
+)
 def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: float) -> None:
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 100
@@ -46,38 +58,74 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
     assert covered(found) > 0.98
 
 
-@pytest.mark.parametrize(("seed", "level", "tolerance"), [
-    (1000334, "quasi_static", 1e-6),  # a turn of the surface throws a hard contact off
-    (1000334, "dynamic", 1e-6),
-    (1001020, "dynamic", 1e-4),  # a contact on its way to a depth many times its own
-    (1001396, "dynamic", 1e-6),  # a force that ends right before its surface does
-    (1000392, "quasi_static", 1e-5),  # a load about to end
-    (1000170, "quasi_static", 1e-5),  # a layer's boundary, met by the quasi-static level
-    (1001994, "dynamic", 1e-8),  # a late landing at another speed
-    (1000636, "quasi_static", 1e-6),  # a creeping contact that is let go
-    (1001734, "dynamic", 1e-8),  # one step whose estimate goes through 0
-    (1000237, "quasi_static", 1e-6),  # a swing of hundreds of radians in a tick
-    (1000088, "quasi_static", 1e-8),  # a layer's boundary, and a velocity that rises and falls at it
-    (2000084, "dynamic", 1e-8),  # a kick that a stiff dashpot has ended long before a step looks
-    (1000010, "quasi_static", 1e-4),  # a load that ends, and the speed at which the surfaces part
-    (1009001027, "dynamic", 1e-4),  # a flight that begins on the surface itself, into which the load then presses it
-    (1009001376, "quasi_static", 1e-6),  # a load that leaves the soft beginning of a layer
-    (1013001293, "dynamic", 1e-5),  # a swing that is not resolved, and ends in a flight
-    (4031000894, "dynamic", 1e-8),  # a femur that is let go touches again right before the surfaces part
-    (4003000472, "dynamic", 1e-6),  # a swing about the end of a layer, of the size of its error
-    (4027001729, "quasi_static", 1e-5),  # a dashpot that lets go late, into a layer that has none
-])  # fmt: skip
-def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, tolerance: float) -> None:
+@pytest.mark.parametrize(
+    ("seed", "level", "tolerance"),
+    [
+        (1000334, "quasi_static", 1e-6),  # a turn of the surface throws a hard contact off
+        (1000334, "dynamic", 1e-6),
+        (1001020, "dynamic", 1e-4),  # a contact on its way to a depth many times its own
+        (1001396, "dynamic", 1e-6),  # a force that ends right before its surface does
+        (1000392, "quasi_static", 1e-5),  # a load about to end
+        (1000170, "quasi_static", 1e-5),  # a layer's boundary, met by the quasi-static level
+        (1001994, "dynamic", 1e-8),  # a late landing at another speed
+        (1000636, "quasi_static", 1e-6),  # a creeping contact that is let go
+        (1001734, "dynamic", 1e-8),  # one step whose estimate goes through 0
+        (1000237, "quasi_static", 1e-6),  # a swing of hundreds of radians in a tick
+        (
+            1000088,
+            "quasi_static",
+            1e-8,
+        ),  # a layer's boundary, and a velocity that rises and falls at it
+        (
+            2000084,
+            "dynamic",
+            1e-8,
+        ),  # a kick that a stiff dashpot has ended long before a step looks
+        (
+            1000010,
+            "quasi_static",
+            1e-4,
+        ),  # a load that ends, and the speed at which the surfaces part
+        (
+            1009001027,
+            "dynamic",
+            1e-4,
+        ),  # a flight that begins on the surface itself, into which the load then presses it
+        (1009001376, "quasi_static", 1e-6),  # a load that leaves the soft beginning of a layer
+        (1013001293, "dynamic", 1e-5),  # a swing that is not resolved, and ends in a flight
+        (
+            4031000894,
+            "dynamic",
+            1e-8,
+        ),  # a femur that is let go touches again right before the surfaces part
+        (
+            4003000472,
+            "dynamic",
+            1e-6,
+        ),  # a swing about the end of a layer, of the size of its error
+        (
+            4027001729,
+            "quasi_static",
+            1e-5,
+        ),  # a dashpot that lets go late, into a layer that has none
+    ],
+)
+def test_what_was_said_right_and_wrong_is_not_any_more(
+    seed: int, level: str, tolerance: float
+) -> None:
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 30
     assert covered(found) > 0.9
 
 
-@pytest.mark.parametrize("seed", [
-    4037000958,  # a law of restitution at the quasi-static level damps by the impact speed, which is known
-    4037000972,  # how a contact began was lost with a law that does not ask, and is asked for by a later one
-    6001001382,  # the static contact lies in a damped layer, and the femur swings in the undamped one above
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "seed",
+    [
+        4037000958,  # a law of restitution at the quasi-static level damps by the impact speed, which is known
+        4037000972,  # how a contact began was lost with a law that does not ask, and is asked for by a later one
+        6001001382,  # the static contact lies in a damped layer, and the femur swings in the undamped one above
+    ],
+)
 def test_after_a_change_no_answer_is_said_right_and_wrong(seed: int) -> None:
     found = list(changes.rows(seed))
     assert sum(one.known for one in found) == 400
@@ -109,24 +157,63 @@ LET_GO = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.045, 0.05])
 TURNING = np.array([0.9, 0.975, 1.05, 1.108, 1.166, 1.195, 1.224])
 
 
-@pytest.mark.parametrize(("scene", "tolerance"), [
-    # Surfaces that part and meet again within a tick begin another contact: they overlap at both ends of a part of the
-    # flight, and damping goes by the later impact.
-    (Scene(0, "", "hunt_crossley", PARTS, 2.0, (0.034, 0.034), 0.0, False, "", np.arange(7) * 1e-3, np.full(7, 0.5),
-           PULLED), 1e-6),
-    # A released contact presses again between two looks: its force rises above 0 for a tenth of a tick, where neither
-    # its depth nor the rate of that turns round.
-    (Scene(0, "", "kelvin_voigt", KNEE, FEMUR, (0.034, 0.0265), 0.0, False, "", LET_GO, TURNING, LAST), 1e-8),
-], ids=["parts and meets", "presses again"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("scene", "tolerance"),
+    [
+        # Surfaces that part and meet again within a tick begin another contact: they overlap at both ends of a part of
+        # the flight, and damping goes by the later impact.
+        (
+            Scene(
+                0,
+                "",
+                "hunt_crossley",
+                PARTS,
+                2.0,
+                (0.034, 0.034),
+                0.0,
+                False,
+                "",
+                np.arange(7) * 1e-3,
+                np.full(7, 0.5),
+                PULLED,
+            ),
+            1e-6,
+        ),
+        # A released contact presses again between two looks: its force rises above 0 for a tenth of a tick, where
+        # neither its depth nor the rate of that turns round.
+        (
+            Scene(
+                0,
+                "",
+                "kelvin_voigt",
+                KNEE,
+                FEMUR,
+                (0.034, 0.0265),
+                0.0,
+                False,
+                "",
+                LET_GO,
+                TURNING,
+                LAST,
+            ),
+            1e-8,
+        ),
+    ],
+    ids=["parts and meets", "presses again"],
+)
 def test_contacts_within_a_tick_are_found(scene: Scene, tolerance: float) -> None:
     found = answered(scene, "dynamic", tolerance)
     assert found.depth.known.all()
     assert covered(found) == 1.0
 
 
-@pytest.mark.parametrize(("law", "arguments", "budget"), [
-    ("two_layer_elastic", HARD, 150), ("kelvin_voigt", STUCK, 100),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("law", "arguments", "budget"),
+    [
+        ("two_layer_elastic", HARD, 150),
+        ("kelvin_voigt", STUCK, 100),
+    ],
+)
 def test_a_budget_does_not_forget_that_a_turning_surface_kicks(
     law: str, arguments: dict[str, float], budget: int
 ) -> None:
@@ -134,7 +221,9 @@ def test_a_budget_does_not_forget_that_a_turning_surface_kicks(
     tick = np.arange(40)
     angle = np.where(tick < 8, 0.5 - 0.05 * np.cos(tick), 0.4623 - 0.06 * np.clip(tick - 7, 0, 6))
     load = np.where(tick < 20, 30.0, -1e-8)
-    scene = Scene(0, "", law, arguments, 10.8, (0.048, 0.032), 0.0, False, "", tick * 8e-3, angle, load)
+    scene = Scene(
+        0, "", law, arguments, 10.8, (0.048, 0.032), 0.0, False, "", tick * 8e-3, angle, load
+    )
     found = answered(scene, "dynamic", 1e-4, budget)
     flown = found.depth.known & (found.depth.error > 1e-3)
     assert flown.sum() > 2
@@ -146,20 +235,32 @@ def test_a_running_arthritic_knee_is_not_lost() -> None:
     """Between the strides nothing presses it: it leaves its undamped layer, and comes back in the next stance."""
     time = np.arange(320) * 5e-3
     phase = np.mod(time + 0.4, 0.7)
-    load = np.maximum(0.0, np.where(phase < 0.26, 1200.0 * np.sin(math.pi * np.minimum(phase / 0.26, 1.0)), 0.0))
+    load = np.maximum(
+        0.0, np.where(phase < 0.26, 1200.0 * np.sin(math.pi * np.minimum(phase / 0.26, 1.0)), 0.0)
+    )
     law, arguments = shipped(ARTHRITIC)
     angle = 0.5 + 0.4 * np.sin(math.tau * time / 0.7)
-    scene = Scene(0, ARTHRITIC, law, arguments, FEMUR, (0.034, 0.030), 0.0, False, "", time, angle, load)
+    scene = Scene(
+        0, ARTHRITIC, law, arguments, FEMUR, (0.034, 0.030), 0.0, False, "", time, angle, load
+    )
     found = answered(scene, "dynamic", 1e-6)
     assert found.apart.mean() > 0.5
     assert covered(found) > 0.98
     assert found.said_right.mean() >= 0.95
 
 
-@pytest.mark.parametrize(("seed", "level", "tolerance"), [
-    (1009000581, "dynamic", 1e-6), (1013001986, "dynamic", 1e-4),
-    (2011000266, "quasi_static", 1e-6),  # a turning surface throws up a light, hard contact, some time after its kick
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("seed", "level", "tolerance"),
+    [
+        (1009000581, "dynamic", 1e-6),
+        (1013001986, "dynamic", 1e-4),
+        (
+            2011000266,
+            "quasi_static",
+            1e-6,
+        ),  # a turning surface throws up a light, hard contact, some time after its kick
+    ],
+)
 def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(
     seed: int, level: str, tolerance: float
 ) -> None:
@@ -169,9 +270,14 @@ def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(
     assert not found.depth.wrong.any()
 
 
-@pytest.mark.parametrize("number", [
-    i for i, run in enumerate(long_runs.long_runs()) if run.name == f"{ARTHRITIC}, running, held in swing"
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "number",
+    [
+        i
+        for i, run in enumerate(long_runs.long_runs())
+        if run.name == f"{ARTHRITIC}, running, held in swing"
+    ],
+)
 def test_an_arthritic_knee_that_bounces_under_light_loads_is_never_lost(number: int) -> None:
     """Its bone damps what its cartilage does not: an error must be small when it leaves the bone."""
     found = list(long_runs.rows(5_000_000 + number, part=1e-9))

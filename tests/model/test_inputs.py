@@ -18,7 +18,11 @@ Columns = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def gait(generator: np.random.Generator | None = None) -> Columns:
     """Times [s], flexion [rad] and load [N] of four strides; of another person and speed with a generator."""
-    u = (lambda low, high: float(generator.uniform(low, high))) if generator else (lambda low, high: 0.5 * (low + high))
+    u = (
+        (lambda low, high: float(generator.uniform(low, high)))
+        if generator
+        else (lambda low, high: 0.5 * (low + high))
+    )
     step, stride, shift = u(0.002, 0.018), u(0.8, 1.6), u(0.0, 1.0)
     time = np.arange(0.0, 4.0 * stride, step)
     p = (time / stride + shift) % 1.0
@@ -27,11 +31,15 @@ def gait(generator: np.random.Generator | None = None) -> Columns:
         return np.exp(-(((p - at) / width) ** 2))
 
     angle = u(-8.0, 20.0) + u(2.0, 22.0) * bump(0.15, 0.08) + u(25.0, 70.0) * bump(0.72, 0.11)
-    load = WEIGHT * (u(-0.1, 0.3) + u(1.5, 4.0) * bump(0.16, 0.07) + u(1.5, 4.0) * bump(0.48, 0.09))
+    load = WEIGHT * (
+        u(-0.1, 0.3) + u(1.5, 4.0) * bump(0.16, 0.07) + u(1.5, 4.0) * bump(0.48, 0.09)
+    )
     return time, np.radians(angle), load
 
 
-def told(time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | None = WEIGHT) -> list[str]:
+def told(
+    time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | None = WEIGHT
+) -> list[str]:
     """What is said of a run, the same of all at once and in parts."""
     whole, parts = Inputs(weight), Inputs(weight)
     stamps = np.rint(1e9 * time).astype(np.int64)
@@ -45,25 +53,54 @@ def told(time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda t, q, load: (t, 6.0 * q, load),
-         "36.0 to 320.7 deg, and a knee has -30 to 170 (92 of 481 ticks are beyond): are 0.629 to 5.5"),
-        (lambda t, q, load: (t, q + 5.0, load), "does it have an offset (knee.flexion_offset, in rad), or is it in "
-        "degrees"),
-        (lambda t, q, load: (t[:90], -q[:90], load[:90]), "): is its sign the other one (knee.flexion_sign -1), does"),
-        (lambda t, q, load: (t, -q, load), "deg, which is extension: is its sign the other one (knee.flexion_sign -1)"),
-        (lambda t, q, load: (t, np.pi - q, load), "is it the included angle, 180 deg - flexion (knee.flexion_sign -1,"),
+        (
+            lambda t, q, load: (t, 6.0 * q, load),
+            "36.0 to 320.7 deg, and a knee has -30 to 170 (92 of 481 ticks are beyond): are 0.629 to 5.5",
+        ),
+        (
+            lambda t, q, load: (t, q + 5.0, load),
+            "does it have an offset (knee.flexion_offset, in rad), or is it in degrees",
+        ),
+        (
+            lambda t, q, load: (t[:90], -q[:90], load[:90]),
+            "): is its sign the other one (knee.flexion_sign -1), does",
+        ),
+        (
+            lambda t, q, load: (t, -q, load),
+            "deg, which is extension: is its sign the other one (knee.flexion_sign -1)",
+        ),
+        (
+            lambda t, q, load: (t, np.pi - q, load),
+            "is it the included angle, 180 deg - flexion (knee.flexion_sign -1,",
+        ),
         (lambda t, q, load: (t, q, 0.0 * load), "the load was 0 throughout: does another axis"),
         (lambda t, q, load: (t, q, -load), "the load was negative throughout (-1994 to -70 N)"),
         (lambda t, q, load: (t, q, 120.0 - load), "the load was negative for the most part (-"),
-        (lambda t, q, load: (t, q, load / 1e3), "N throughout: is it in kN or body weights instead of N?"),
-        (lambda t, q, load: (t, q, load / WEIGHT), "N throughout: is it in kN or body weights instead of N?"),
-        (lambda t, q, load: (t, q, 0.5 * load / 7.0), "N at most: is it in percent of body weight instead of N?"),
-        (lambda t, q, load: (t, q, np.where(t == t[50], 41e3, load)),
-         "the load reaches 41000 N (58.6 body weights, beyond 7000 N in 1 of "),
-        (lambda t, q, load: (1e3 * t, q, load), "s apart: are their times in milliseconds instead of seconds?"),
+        (
+            lambda t, q, load: (t, q, load / 1e3),
+            "N throughout: is it in kN or body weights instead of N?",
+        ),
+        (
+            lambda t, q, load: (t, q, load / WEIGHT),
+            "N throughout: is it in kN or body weights instead of N?",
+        ),
+        (
+            lambda t, q, load: (t, q, 0.5 * load / 7.0),
+            "N at most: is it in percent of body weight instead of N?",
+        ),
+        (
+            lambda t, q, load: (t, q, np.where(t == t[50], 41e3, load)),
+            "the load reaches 41000 N (58.6 body weights, beyond 7000 N in 1 of ",
+        ),
+        (
+            lambda t, q, load: (1e3 * t, q, load),
+            "s apart: are their times in milliseconds instead of seconds?",
+        ),
     ],
-)  # fmt: skip
-def test_what_no_knee_does_is_told_in_one_sentence(change: Callable[..., Columns], words: str) -> None:
+)
+def test_what_no_knee_does_is_told_in_one_sentence(
+    change: Callable[..., Columns], words: str
+) -> None:
     sentences = told(*change(*gait()))
     assert len(sentences) == 1
     assert words in sentences[0]
@@ -94,10 +131,14 @@ def test_a_load_along_another_axis_is_told() -> None:
     assert axes(0.0 * right) == ""
     assert axes(np.where(np.arange(3) == 2, np.nan, right)) == ""  # an axis that is not measured
     mean = f"{np.abs(load).mean():.0f}"
-    assert axes(right[:, [0, 2, 1]]).startswith(f"force.z carries {mean} N on average, and force.y ")
+    assert axes(right[:, [0, 2, 1]]).startswith(
+        f"force.z carries {mean} N on average, and force.y "
+    )
     assert "is z up? Set frame.tibia (for z up as in REP 103" in axes(right[:, [0, 2, 1]])
     assert axes(right[:, [1, 0, 2]]).startswith(f"force.x carries {mean} N")
-    assert axes(right[:, [0, 2, 1]], "tibia_isb").endswith("is z up? Is frame.tibia 'tibia_isb' right?")
+    assert axes(right[:, [0, 2, 1]], "tibia_isb").endswith(
+        "is z up? Is frame.tibia 'tibia_isb' right?"
+    )
 
 
 def test_a_run_warns_once_and_its_flight_is_implausible() -> None:
@@ -125,6 +166,8 @@ def test_the_landing_of_a_flight_is_implausible_until_it_has_settled() -> None:
     assert flagged[answers.contact_force.argmax()]
     assert not flagged[time <= 0.2].any()
     assert not flagged[-1]
-    small = model.run(time, 0.2 + 0.0 * time, np.where((time > 0.2) & (time < 0.21), -100.0, 700.0))
+    small = model.run(
+        time, 0.2 + 0.0 * time, np.where((time > 0.2) & (time < 0.21), -100.0, 700.0)
+    )
     assert 0.0 < small.gap.max() < 0.01
     assert not (small.status & Status.IMPLAUSIBLE).any()

@@ -34,7 +34,9 @@ LOSSES = {
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 def test_every_law_has_a_row_in_the_page_of_the_model(name: str) -> None:
-    assert f"\n| `{name}` |" in (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
+    assert f"\n| `{name}` |" in (ROOT / "docs" / "explanation" / "model.md").read_text(
+        encoding="utf-8"
+    )
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
@@ -61,9 +63,13 @@ def test_slopes_are_those_of_the_force(name: str, depth: float, rate: float) -> 
         there = layer.begin + depth
         value, over_depth, over_rate = layer.force_at(there, rate, impact_speed)
         step = 1e-4 * depth
-        ahead, behind = (layer.force_at(there + side * step, rate, impact_speed)[0] for side in (1, -1))
+        ahead, behind = (
+            layer.force_at(there + side * step, rate, impact_speed)[0] for side in (1, -1)
+        )
         # Central difference: relative error (step/depth)²/24 x O(1) < 1e-8, and rounding of forces up to 1e6 N.
-        assert over_depth == pytest.approx((ahead - behind) / (2 * step), rel=1e-6, abs=1e-9 / step)
+        assert over_depth == pytest.approx(
+            (ahead - behind) / (2 * step), rel=1e-6, abs=1e-9 / step
+        )
         assert over_rate >= 0.0
         # The sum may be next to 0: rounding of terms up to 1e6 N.
         moved = layer.force_at(there, rate + 0.3, impact_speed)[0]
@@ -73,24 +79,53 @@ def test_slopes_are_those_of_the_force(name: str, depth: float, rate: float) -> 
 KELVIN = STIFFNESS * 1e-6  # K δ^1.5 at 0.1 mm
 
 
-@pytest.mark.parametrize(("name", "changes", "number", "depth", "rate", "force"), [
-    ("hertz", {}, 0, 1e-4, 9.0, KELVIN),
-    ("kelvin_voigt", {}, 0, 1e-4, 0.1, KELVIN + 0.1 * DAMPING),
-    ("kelvin_voigt", {"exponent": 1.0, "stiffness": 1e6}, 0, 1e-4, -0.1, 100.0 - 0.1 * DAMPING),
-    ("two_layer_elastic", {}, 1, 6e-4, 0.1, STIFFNESS * LAYER_DEPTH**1.5 + 3.112e9 * 1e-6),
-    ("two_layer_viscoelastic", {}, 0, 1e-4, 0.1, KELVIN),
-    ("two_layer_viscoelastic", {}, 1, 6e-4, 0.1, STIFFNESS * LAYER_DEPTH**1.5 + 3.112e9 * 1e-6 + 0.1 * DAMPING),
-    ("two_layer_viscoelastic", {"damp_first_layer": True}, 0, 1e-4, 0.1, KELVIN + 0.1 * DAMPING),
-    *((name, {"restitution": e}, 0, 1e-4, FLOOR, KELVIN * (1.0 + loss))
-      for name, losses in LOSSES.items() for e, loss in zip((0.1, 0.5, 0.9), losses, strict=True)),
-    *((name, {"restitution": 1.0}, 0, 1e-4, -9.0, KELVIN) for name in LOSSES),
-    *((name, {}, 0, -1e-4, 2.0, 0.0) for name in LOSSES),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "changes", "number", "depth", "rate", "force"),
+    [
+        ("hertz", {}, 0, 1e-4, 9.0, KELVIN),
+        ("kelvin_voigt", {}, 0, 1e-4, 0.1, KELVIN + 0.1 * DAMPING),
+        (
+            "kelvin_voigt",
+            {"exponent": 1.0, "stiffness": 1e6},
+            0,
+            1e-4,
+            -0.1,
+            100.0 - 0.1 * DAMPING,
+        ),
+        ("two_layer_elastic", {}, 1, 6e-4, 0.1, STIFFNESS * LAYER_DEPTH**1.5 + 3.112e9 * 1e-6),
+        ("two_layer_viscoelastic", {}, 0, 1e-4, 0.1, KELVIN),
+        (
+            "two_layer_viscoelastic",
+            {},
+            1,
+            6e-4,
+            0.1,
+            STIFFNESS * LAYER_DEPTH**1.5 + 3.112e9 * 1e-6 + 0.1 * DAMPING,
+        ),
+        (
+            "two_layer_viscoelastic",
+            {"damp_first_layer": True},
+            0,
+            1e-4,
+            0.1,
+            KELVIN + 0.1 * DAMPING,
+        ),
+        *(
+            (name, {"restitution": e}, 0, 1e-4, FLOOR, KELVIN * (1.0 + loss))
+            for name, losses in LOSSES.items()
+            for e, loss in zip((0.1, 0.5, 0.9), losses, strict=True)
+        ),
+        *((name, {"restitution": 1.0}, 0, 1e-4, -9.0, KELVIN) for name in LOSSES),
+        *((name, {}, 0, -1e-4, 2.0, 0.0) for name in LOSSES),
+    ],
+)
 def test_values_of_the_formulas(
     name: str, changes: dict[str, float], number: int, depth: float, rate: float, force: float
 ) -> None:
     # rounding of a power, and of the depth in the second layer against that of the whole contact
-    assert law(name, **changes).layers[number].force_at(depth, rate)[0] == pytest.approx(force, rel=1e-12)
+    assert law(name, **changes).layers[number].force_at(depth, rate)[0] == pytest.approx(
+        force, rel=1e-12
+    )
 
 
 def test_the_elastic_foundation_is_the_sum_of_its_springs() -> None:
@@ -99,9 +134,14 @@ def test_the_elastic_foundation_is_the_sum_of_its_springs() -> None:
     rings, reach = 1000, math.sqrt(2.0 * radius * depth)
     width = reach / rings
     middles = [(ring + 0.5) * width for ring in range(rings)]
-    summed = sum(modulus * (depth - r**2 / (2.0 * radius)) / 4.4e-3 * 2.0 * math.pi * r * width for r in middles)
+    summed = sum(
+        modulus * (depth - r**2 / (2.0 * radius)) / 4.4e-3 * 2.0 * math.pi * r * width
+        for r in middles
+    )
     assert law("elastic_foundation").static_force(depth) == pytest.approx(summed, rel=1e-6)
-    assert law("elastic_foundation").static_force(depth) == pytest.approx(424.64, abs=0.005)  # by hand
+    assert law("elastic_foundation").static_force(depth) == pytest.approx(
+        424.64, abs=0.005
+    )  # by hand
     flat = law("elastic_foundation", tibial_radius=math.inf).static_force(depth)
     assert flat == pytest.approx(math.pi * modulus / 4.4e-3 * 0.034 * depth**2, rel=1e-13)
 
@@ -111,12 +151,19 @@ def test_stiffness_of_the_papers_materials() -> None:
     assert radius == pytest.approx(0.034 * 0.095 / 0.061, rel=1e-14)
     bone, cartilage = hertz_stiffness(17.2e9, 0.39, radius), hertz_stiffness(24e6, 0.38, radius)
     # The values' last digits; in N/mm^1.5 the second time
-    assert (bone, cartilage) == (pytest.approx(3.112e9, abs=0.5e6), pytest.approx(4.30e6, abs=0.005e6))
-    assert (bone / 10**4.5, cartilage / 10**4.5) == (pytest.approx(98408, abs=0.5), pytest.approx(136, abs=0.5))
+    assert (bone, cartilage) == (
+        pytest.approx(3.112e9, abs=0.5e6),
+        pytest.approx(4.30e6, abs=0.005e6),
+    )
+    assert (bone / 10**4.5, cartilage / 10**4.5) == (
+        pytest.approx(98408, abs=0.5),
+        pytest.approx(136, abs=0.5),
+    )
 
 
 @pytest.mark.parametrize(
-    ("femoral", "tibial"), [(0.034, 0.034), (0.095, 0.034), (0.034, -0.095), (0.0, 0.1), (-0.1, 0.1), (0.034, math.nan)]
+    ("femoral", "tibial"),
+    [(0.034, 0.034), (0.095, 0.034), (0.034, -0.095), (0.0, 0.1), (-0.1, 0.1), (0.034, math.nan)],
 )
 def test_radii_that_do_not_fit_are_refused(femoral: float, tibial: float) -> None:
     refused: list[Callable[[], object]] = [
@@ -124,37 +171,56 @@ def test_radii_that_do_not_fit_are_refused(femoral: float, tibial: float) -> Non
         lambda: law("elastic_foundation", femoral_radius=femoral, tibial_radius=tibial),
     ]
     for make in refused:
-        with pytest.raises(ValueError, match=r"^0 < femoral radius < tibial radius \(concave\) is needed, got .*$"):
+        with pytest.raises(
+            ValueError, match=r"^0 < femoral radius < tibial radius \(concave\) is needed, got .*$"
+        ):
             make()
 
 
-@pytest.mark.parametrize(("begins", "words"), [
-    ((), "first layer must begin at 0 m"), ((1e-4,), "first layer must begin at 0 m"), ((0.0, 0.0), "each next one "
-    "deeper"),
-    ((0.0, 2e-4, 1e-4), "each next one deeper"), ((0.0, math.nan), "each next one deeper"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("begins", "words"),
+    [
+        ((), "first layer must begin at 0 m"),
+        ((1e-4,), "first layer must begin at 0 m"),
+        ((0.0, 0.0), "each next one deeper"),
+        ((0.0, 2e-4, 1e-4), "each next one deeper"),
+        ((0.0, math.nan), "each next one deeper"),
+    ],
+)
 def test_layers_out_of_order_are_refused(begins: tuple[float, ...], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         check(ContactLaw(tuple(Layer(begin, stiffness=1e6) for begin in begins)))
     check(ContactLaw((Layer(stiffness=1e6), Layer(1e-4, 1.0, 1e7))))
 
 
-@pytest.mark.parametrize(("force_at", "words"), [
-    (lambda depth, rate: (1.0 + 1e6 * depth, 1e6, 0.0), "layer 2 does not begin with the force at which the layer "
-    "before ends"),
-    (lambda depth, rate: (math.inf if depth > 1e-3 else 1e6 * depth, 1e6, 0.0), "is not finite"),
-    (lambda depth, rate: (1e6 * depth, 2e6, 0.0), "wrong or negative slopes"),
-    (lambda depth, rate: (1e6 * depth - 5.0 * rate, 1e6, -5.0), "wrong or negative slopes"),
-    (lambda depth, rate: (1e6 * depth + 5.0 * rate**2, 1e6, 0.0), "is not linear in the rate"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("force_at", "words"),
+    [
+        (
+            lambda depth, rate: (1.0 + 1e6 * depth, 1e6, 0.0),
+            "layer 2 does not begin with the force at which the layer before ends",
+        ),
+        (
+            lambda depth, rate: (math.inf if depth > 1e-3 else 1e6 * depth, 1e6, 0.0),
+            "is not finite",
+        ),
+        (lambda depth, rate: (1e6 * depth, 2e6, 0.0), "wrong or negative slopes"),
+        (lambda depth, rate: (1e6 * depth - 5.0 * rate, 1e6, -5.0), "wrong or negative slopes"),
+        (lambda depth, rate: (1e6 * depth + 5.0 * rate**2, 1e6, 0.0), "is not linear in the rate"),
+    ],
+)
 def test_an_own_formula_that_is_no_law_is_refused(
-    force_at: Callable[[float, float], tuple[float, float, float]], words: str, monkeypatch: pytest.MonkeyPatch
+    force_at: Callable[[float, float], tuple[float, float, float]],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Its layer lies on a linear one that ends at 0.1 mm."""
     own = Layer(1e-4, form=1.0)
     common = Layer.force_at
 
-    def formula(layer: Layer, depth: float, rate: float, speed: float = 0.0) -> tuple[float, float, float]:
+    def formula(
+        layer: Layer, depth: float, rate: float, speed: float = 0.0
+    ) -> tuple[float, float, float]:
         return force_at(depth, rate) if layer.form == 1.0 else common(layer, depth, rate, speed)
 
     monkeypatch.setattr(Layer, "force_at", formula)

@@ -19,21 +19,28 @@ TOLERANCES = (1e-5, 1e-6, 1e-8)
 FINEST = 1e-11
 """Tolerance [m] of the dynamic run that stands for the exact solution"""
 SERIES = {
-    "gait": tuple(column[:200] for column in gait("right")), "walking": walking(), "short ticks": walking(401, 5e-4),
-    "hopping": hopping(), "stepping": stepping(),
-}  # fmt: skip
+    "gait": tuple(column[:200] for column in gait("right")),
+    "walking": walking(),
+    "short ticks": walking(401, 5e-4),
+    "hopping": hopping(),
+    "stepping": stepping(),
+}
 LAYERS = {"layer_depth": 3e-4}
 KNEES: dict[str, tuple[str, dict[str, Any], float, str]] = {
-    "shipped": ("kelvin_voigt", {}, 9.3, "plane"), "1 g": ("kelvin_voigt", {}, 1e-3, "plane"),
-    "0.1 g": ("kelvin_voigt", {}, 1e-4, "slope"), "1 t": ("kelvin_voigt", {}, 1e3, "plane"),
+    "shipped": ("kelvin_voigt", {}, 9.3, "plane"),
+    "1 g": ("kelvin_voigt", {}, 1e-3, "plane"),
+    "0.1 g": ("kelvin_voigt", {}, 1e-4, "slope"),
+    "1 t": ("kelvin_voigt", {}, 1e3, "plane"),
     "stuck": ("kelvin_voigt", {"damping": 1e6}, 9.3, "plane"),
-    "swings": ("kelvin_voigt", {"damping": 30.0}, 0.01, "cup"), "Hertz": ("hertz", {}, 9.3, "plane"),
-    "Flores": ("flores", {}, 9.3, "cup"), "foundation": ("elastic_foundation", {}, 9.3, "slope"),
+    "swings": ("kelvin_voigt", {"damping": 30.0}, 0.01, "cup"),
+    "Hertz": ("hertz", {}, 9.3, "plane"),
+    "Flores": ("flores", {}, 9.3, "cup"),
+    "foundation": ("elastic_foundation", {}, 9.3, "slope"),
     "two layers": ("two_layer_viscoelastic", LAYERS, 9.3, "plane"),
     "both damped": ("two_layer_viscoelastic", LAYERS | {"damp_first_layer": True}, 0.1, "plateau"),
     "elastic layers": ("two_layer_elastic", LAYERS, 9.3, "plane"),
     "dents": ("kelvin_voigt", {"damping": 1e5}, 0.1, "dents"),
-}  # fmt: skip
+}
 """Laws with their constants, masses [kg] and surfaces"""
 EACH = pytest.mark.parametrize("name", KNEES)
 
@@ -42,7 +49,14 @@ EACH = pytest.mark.parametrize("name", KNEES)
 def answers(name: str, series: str, level: str, tolerance: float) -> np.recarray[Any, Any]:
     """The answers of a level."""
     law_name, constants, mass, pair = KNEES[name]
-    knee = model(law(law_name, **constants), tolerance, mass=mass, pair=PAIRS[pair](), level=level, budget=20_000)
+    knee = model(
+        law(law_name, **constants),
+        tolerance,
+        mass=mass,
+        pair=PAIRS[pair](),
+        level=level,
+        budget=20_000,
+    )
     return fast(knee).run(*SERIES[series])
 
 
@@ -57,10 +71,14 @@ def test_the_quasi_static_level_balances_the_load_at_rest(name: str) -> None:
     rows: Any = answers(name, "walking", "quasi_static", 1e-10)[1:]
     assert (rows.fidelity == Fidelity.QUASI_STATIC).all()
     forces = np.array([knee.law.static_force(row.penetration_depth) for row in rows])
-    upright = np.array([knee.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows])
+    upright = np.array(
+        [knee.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows]
+    )
     # What Newton's method leaves of a depth of 0.1 mm after a correction of 1e-12 m is rounding, and n_y on a curved
     # tibia is that of a height that rounds to 7e-18 m
-    assert np.abs(upright * forces - np.maximum(rows.load, 0.0)).max() <= 1e-11 * max(1.0, np.abs(rows.load).max())
+    assert np.abs(upright * forces - np.maximum(rows.load, 0.0)).max() <= 1e-11 * max(
+        1.0, np.abs(rows.load).max()
+    )
 
 
 @pytest.mark.parametrize("level", ["quasi_static", "dynamic"])
@@ -73,11 +91,16 @@ def test_a_level_knows_how_far_it_is_from_forward_dynamics(name: str, level: str
         known = np.logical_and.accumulate(exact.fidelity == Fidelity.DYNAMIC)
         for tolerance in TOLERANCES:
             found = answers(name, series, level, tolerance)
-            error, fine = np.abs(signed(found) - signed(exact)), found.status & Status.NOT_CONVERGED == 0
+            error, fine = (
+                np.abs(signed(found) - signed(exact)),
+                found.status & Status.NOT_CONVERGED == 0,
+            )
             trusted = known & (exact.error_estimate <= 0.1 * tolerance)
             assert error[fine & trusted].max(initial=0.0) <= tolerance
             assert (fine <= (found.error_estimate <= tolerance)).all()
-            covered += (error <= found.error_estimate + exact.error_estimate + ROUNDING)[known].tolist()
+            covered += (error <= found.error_estimate + exact.error_estimate + ROUNDING)[
+                known
+            ].tolist()
             large = known & (error > 1e-12) & (error > 10.0 * exact.error_estimate)
             ratios += (found.error_estimate[large] / error[large]).tolist()
     assert len(covered) > 500
@@ -94,4 +117,7 @@ def test_a_force_tolerance_is_kept_or_missing_it_is_said(level: str) -> None:
         fine = series.status == Status.OK
         assert fine.mean() > (0.9 if level == "dynamic" else 0.0)
         assert (fine <= (series.force_error_estimate <= force_tolerance)).all()
-        assert np.abs(series.contact_force - exact.contact_force)[fine].max(initial=0.0) <= force_tolerance
+        assert (
+            np.abs(series.contact_force - exact.contact_force)[fine].max(initial=0.0)
+            <= force_tolerance
+        )

@@ -35,7 +35,9 @@ def noisy(seed: int, count: int, tick: float = 1e-3) -> tuple[np.ndarray, np.nda
     return time, angle, load
 
 
-def limits(names: tuple[str, ...], count: int, ticks: int = 300) -> Iterator[tuple[int, KneeModel, Any]]:
+def limits(
+    names: tuple[str, ...], count: int, ticks: int = 300
+) -> Iterator[tuple[int, KneeModel, Any]]:
     """Knees with budgets, and what they answer to `noisy`."""
     for seed in range(count):
         rng = np.random.default_rng((46, seed))
@@ -66,26 +68,36 @@ def test_a_given_up_tick_is_answered_with_the_contact_at_rest() -> None:
         rows = series[1:][lost(series)]
         upright = [knee.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows]
         # The depth is solved to rounding; a load that pulls lets the surfaces just touch.
-        assert rows.contact_force * upright == pytest.approx(np.maximum(rows.load, 0.0), rel=1e-9, abs=1e-9)
+        assert rows.contact_force * upright == pytest.approx(
+            np.maximum(rows.load, 0.0), rel=1e-9, abs=1e-9
+        )
 
 
 def test_what_is_ok_after_a_given_up_tick_is_right() -> None:
     """Against the run without a limit, for laws whose damping makes the contact forget."""
     later, back, seen = 0, 0, 0
-    for seed, knee, series in limits(("kelvin_voigt", "kelvin_voigt", "two_layer_viscoelastic"), 120, 5000):
-        exact = fast(replace(knee, budget=0, tolerance=0.01 * knee.tolerance)).run(*noisy(seed, 5000))
+    for seed, knee, series in limits(
+        ("kelvin_voigt", "kelvin_voigt", "two_layer_viscoelastic"), 120, 5000
+    ):
+        exact = fast(replace(knee, budget=0, tolerance=0.01 * knee.tolerance)).run(
+            *noisy(seed, 5000)
+        )
         off = np.abs(signed(series) - signed(exact))
         fine = series.status == Status.OK
         assert off[fine].max(initial=0.0) <= 1.02 * knee.tolerance, seed
         # An estimate is one: what is not OK may be off by more, but seldom
-        assert (off <= series.error_estimate + exact.error_estimate + 1e-14)[:300].mean() >= 0.9, seed
+        assert (off <= series.error_estimate + exact.error_estimate + 1e-14)[:300].mean() >= 0.9, (
+            seed
+        )
         if lost(series).any() and seed % 3 < 2:
             seen += 1
             later += int(fine[int(np.argmax(lost(series))) + 1 :].sum())
             back += bool(fine[-1])
     assert seen > 30
     assert later > 10_000
-    assert back > 0.5 * seen  # loads of up to 8 kN end at once: a fall of seconds, and its landings
+    assert (
+        back > 0.5 * seen
+    )  # loads of up to 8 kN end at once: a fall of seconds, and its landings
 
 
 @pytest.mark.parametrize("name", [name for name in CONTACT_LAWS if name != "kelvin_voigt"])
@@ -96,7 +108,9 @@ def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name: str) 
         series = fast(model(law(name), 1e-9, budget=BUDGETS[seed])).run(time, angle, load)
         if lost(series).any():
             seen += 1
-            assert (series.status[1:][int(np.argmax(lost(series))) :] & Status.NOT_CONVERGED != 0).all()
+            assert (
+                series.status[1:][int(np.argmax(lost(series))) :] & Status.NOT_CONVERGED != 0
+            ).all()
     assert seen > 0
 
 
@@ -107,7 +121,9 @@ def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed: int) -> 
     assert len(found) == 2 * SEGMENTS
     assert not any(one.wrong or one.forces[2] or one.not_finite for one in found)
     assert sum(one.covered for one in found) >= 0.99 * sum(one.known for one in found)
-    assert sum(one.flagged for one in found[:SEGMENTS]) <= sum(one.flagged for one in found[SEGMENTS:])
+    assert sum(one.flagged for one in found[:SEGMENTS]) <= sum(
+        one.flagged for one in found[SEGMENTS:]
+    )
 
 
 def test_what_changes_under_a_steady_load_is_soon_ok_again() -> None:
@@ -120,4 +136,6 @@ def test_what_changes_under_a_steady_load_is_soon_ok_again() -> None:
         assert {row.status for row in before + after} == {Status.OK}
         if "damping" not in changes:
             assert abs(after[0].penetration_depth - before[-1].penetration_depth) > 1e-6
-            assert abs(after[0].penetration_depth - after[-1].penetration_depth) > 1e-6  # it has not jumped there
+            assert (
+                abs(after[0].penetration_depth - after[-1].penetration_depth) > 1e-6
+            )  # it has not jumped there

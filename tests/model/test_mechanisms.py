@@ -18,12 +18,17 @@ MANY = [hinge(0.003), table(KNOTS, VALUES), table([0.0, 1.0], [0.0, 0.01]), para
 
 @pytest.mark.parametrize("mechanism", MANY, ids=str)
 def test_slope_and_bounds(mechanism: mechanisms.Mechanism) -> None:
-    h, angles = 1e-5, np.linspace(-1.0, 3.0, 401).tolist()  # h² x''' / 6 with x''' < 1 m/rad³, and rounding 1e-17 m / h
+    h, angles = (
+        1e-5,
+        np.linspace(-1.0, 3.0, 401).tolist(),
+    )  # h² x''' / 6 with x''' < 1 m/rad³, and rounding 1e-17 m / h
     slopes = np.array([mechanism.translation(angle)[1] for angle in angles])
     around = [[mechanism.translation(angle + sign * h) for sign in (-1, 1)] for angle in angles]
     assert slopes == pytest.approx([(b[0] - a[0]) / (2.0 * h) for a, b in around], abs=1e-10)
     bends = np.array([(b[1] - a[1]) / (2.0 * h) for a, b in around])
-    assert np.abs(slopes).max() <= mechanism.largest_slope <= 1.5 * np.abs(slopes).max() + 1e-15  # a hull
+    assert (
+        np.abs(slopes).max() <= mechanism.largest_slope <= 1.5 * np.abs(slopes).max() + 1e-15
+    )  # a hull
     assert 0.9 * np.abs(bends).max() <= mechanism.largest_bend * (1.0 + 1e-9) + 1e-12
     assert mechanism.largest_bend <= 1.2 * np.abs(bends).max() + 1e-12
 
@@ -36,18 +41,24 @@ def test_a_table_is_the_natural_spline_and_goes_on_straight(points: int) -> None
         inside = min(max(angle, angles[0]), angles[-1])
         slope = float(spline(inside, 1))
         goal = float(spline(inside)) + slope * (angle - inside)
-        assert made.translation(angle) == pytest.approx((goal, slope), abs=1e-15)  # rounding errors of 0.02 m/rad
+        assert made.translation(angle) == pytest.approx(
+            (goal, slope), abs=1e-15
+        )  # rounding errors of 0.02 m/rad
 
 
 @pytest.mark.parametrize(
     ("angle", "x", "reason"),
     [
-        ([0.0], [0.0], "at least 2 points, got 1"), ([], [], "at least 2 points, got 0"),
-        ([0.0, 1.0], [0.0], "as many translations as angles"), ([0.0, 1.0, 1.0], [0.0, 0.0, 0.0], "increase strictly"),
-        ([0.0, 1.0, 0.5], [0.0, 0.0, 0.0], "increase strictly"), ([0.0, math.inf], [0.0, 0.0], "not finite"),
-        ([0.0, 1.0], [0.0, math.nan], "not finite"), ([0.0, 1.0], [0.0, -5.0], "in metres"),
+        ([0.0], [0.0], "at least 2 points, got 1"),
+        ([], [], "at least 2 points, got 0"),
+        ([0.0, 1.0], [0.0], "as many translations as angles"),
+        ([0.0, 1.0, 1.0], [0.0, 0.0, 0.0], "increase strictly"),
+        ([0.0, 1.0, 0.5], [0.0, 0.0, 0.0], "increase strictly"),
+        ([0.0, math.inf], [0.0, 0.0], "not finite"),
+        ([0.0, 1.0], [0.0, math.nan], "not finite"),
+        ([0.0, 1.0], [0.0, -5.0], "in metres"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_table_is_refused(angle: list[float], x: list[float], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         table(angle, x)
@@ -64,12 +75,18 @@ def test_the_parallel_mechanism_stays_closed() -> None:
     for angle, pose in zip(angles.tolist(), poses, strict=True):
         turn = Rotation.from_euler("YXZ", [-pose[4], pose[3], angle])  # instead of our matrix
         normals = mechanisms.NORMALS / np.sqrt((mechanisms.NORMALS**2).sum(axis=1))[:, None]
-        above = ((turn.apply(mechanisms.SPHERES) + pose[:3] - mechanisms.PLANES) * normals).sum(axis=1)
-        lengths = np.hypot.reduce(turn.apply(mechanisms.ON_FEMUR) + pose[:3] - mechanisms.ON_TIBIA, axis=1)
+        above = ((turn.apply(mechanisms.SPHERES) + pose[:3] - mechanisms.PLANES) * normals).sum(
+            axis=1
+        )
+        lengths = np.hypot.reduce(
+            turn.apply(mechanisms.ON_FEMUR) + pose[:3] - mechanisms.ON_TIBIA, axis=1
+        )
         # 1e-14 m in the solver, rounding here
         assert [*above, *lengths] == pytest.approx(mechanisms.DISTANCES, abs=1e-13)
         centres.append(turn.apply(mechanisms.SPHERES[0])[0] + pose[0])
-    assert [made.translation(angle)[0] for angle in angles] == pytest.approx(centres - np.interp(0, angles, centres))
+    assert [made.translation(angle)[0] for angle in angles] == pytest.approx(
+        centres - np.interp(0, angles, centres)
+    )
     # The published knee's own answer, written down in mm with two decimals
     x = [1e3 * made.translation(math.radians(degrees))[0] for degrees in (0, 20, 40, 60, 80, 100)]
     assert x == pytest.approx([0.0, 2.33, 1.15, -1.50, -4.39, -6.94], abs=0.005)

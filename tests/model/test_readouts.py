@@ -22,13 +22,18 @@ TOLERANCE = 1e-12
 MODULUS, POISSON, FEMUR, TIBIA, THICKNESS = 24e6, 0.38, 0.034, 0.095, 4.4e-3
 RADIUS = 1.0 / (1.0 / FEMUR - 1.0 / TIBIA)
 MATERIAL = {
-    "contact.youngs_modulus": MODULUS, "contact.poissons_ratio": POISSON, "contact.femoral_radius": FEMUR,
-    "contact.tibial_radius": TIBIA, "contact.foundation_thickness": THICKNESS,
-}  # fmt: skip
+    "contact.youngs_modulus": MODULUS,
+    "contact.poissons_ratio": POISSON,
+    "contact.femoral_radius": FEMUR,
+    "contact.tibial_radius": TIBIA,
+    "contact.foundation_thickness": THICKNESS,
+}
 
 
 def knee(**values: object) -> KneeModel:
-    return build_model(load_parameters({name.replace("__", "."): value for name, value in values.items()}))
+    return build_model(
+        load_parameters({name.replace("__", "."): value for name, value in values.items()})
+    )
 
 
 def at_rest(model: KneeModel, loads: list[float]) -> Rows:
@@ -43,9 +48,13 @@ def test_hertz_pressure_is_that_of_the_textbook(load: float) -> None:
     plane = MODULUS / (2.0 * (1.0 - POISSON**2))  # E*
     force = float(model.run([0.0], [0.3], [load]).contact_force[0])
     # Johnson 1985, Eqs. 4.22 and 4.24: from the force alone, without the depth
-    assert read["half_width"] == pytest.approx((3.0 * force * RADIUS / (4.0 * plane)) ** (1.0 / 3.0), rel=1e-6)
+    assert read["half_width"] == pytest.approx(
+        (3.0 * force * RADIUS / (4.0 * plane)) ** (1.0 / 3.0), rel=1e-6
+    )
     peak = (6.0 * force * plane**2 / (math.pi**3 * RADIUS**2)) ** (1.0 / 3.0)
-    assert read["peak_pressure"] == pytest.approx(peak, rel=1e-6)  # the depth's tolerance of 1e-6 m is not needed: rest
+    assert read["peak_pressure"] == pytest.approx(
+        peak, rel=1e-6
+    )  # the depth's tolerance of 1e-6 m is not needed: rest
     assert read["mean_pressure"] == pytest.approx(peak / 1.5, rel=1e-6)
 
 
@@ -63,7 +72,9 @@ def test_foundation_pressure_is_that_of_its_springs(load: float) -> None:
     radii = np.linspace(0.0, float(read["half_width"]), 20_001)
     pressures = modulus / THICKNESS * (depth - radii**2 / (2.0 * RADIUS))
     carried = float(np.trapezoid(2.0 * math.pi * radii * pressures, radii))
-    assert carried == pytest.approx(float(rows["contact_force"][0]), rel=1e-6)  # trapezoids: 1/n² is 2.5e-9, times 4
+    assert carried == pytest.approx(
+        float(rows["contact_force"][0]), rel=1e-6
+    )  # trapezoids: 1/n² is 2.5e-9, times 4
 
 
 @pytest.mark.parametrize("law", CONTACT_LAWS)
@@ -101,7 +112,9 @@ def test_loading_rate_is_the_slope_of_the_contact_force() -> None:
 
 def test_radii_of_no_knee_give_no_readouts() -> None:
     model = knee(contact__law="kelvin_voigt", contact__femoral_radius=0.1)
-    with pytest.raises(ValueError, match=r"contact\.femoral_radius must be below contact\.tibial_radius"):
+    with pytest.raises(
+        ValueError, match=r"contact\.femoral_radius must be below contact\.tibial_radius"
+    ):
         model.readouts(blank(1))
 
 
@@ -110,15 +123,23 @@ def test_radii_of_no_knee_give_no_readouts() -> None:
 def test_an_uncertain_load_is_carried_on_to_force_and_depth(knee: str, deviation: float) -> None:
     """Against the model under the load, and a standard deviation more and less; a bound where little presses."""
     model = load_model([knee, {"fidelity.level": "quasi_static"}], compiled=False)
-    load = np.concatenate((np.linspace(4.0 * deviation, 2000.0, 40), np.linspace(-50.0, deviation, 10)))
+    load = np.concatenate(
+        (np.linspace(4.0 * deviation, 2000.0, 40), np.linspace(-50.0, deviation, 10))
+    )
     time, angle = 0.01 * np.arange(50), np.full(50, 0.2)
-    below, middle, above = (model.run(time, angle, load + off) for off in (-deviation, 0.0, deviation))
+    below, middle, above = (
+        model.run(time, angle, load + off) for off in (-deviation, 0.0, deviation)
+    )
     found = model.uncertainty(middle, deviation)
     for name in ("contact_force", "penetration_depth"):
         expected = 0.5 * (above[name] - below[name])
-        jumps = below.contact_state != above.contact_state  # from layer to layer the stiffness changes
+        jumps = (
+            below.contact_state != above.contact_state
+        )  # from layer to layer the stiffness changes
         seen = (load >= 4.0 * deviation) & ~jumps
-        np.testing.assert_allclose(found[name][seen], expected[seen], rtol=0.06)  # 5 % beside a jump, 2 % elsewhere
+        np.testing.assert_allclose(
+            found[name][seen], expected[seen], rtol=0.06
+        )  # 5 % beside a jump, 2 % elsewhere
         assert (found[name][40:] > 0.97 * (above[name] - middle[name])[40:]).all()
     stream = model.stream()
     ticks = [stream.tick(*row) for row in zip(time[:3], angle[:3], load[:3], strict=True)]

@@ -22,7 +22,9 @@ BUDGET = 2000
 """Keeps the tests short: what cannot be solved within it must be said."""
 
 
-def answers(scene: Scene, tolerance: float | None = None, budget: int = BUDGET) -> np.recarray[Any, Any]:
+def answers(
+    scene: Scene, tolerance: float | None = None, budget: int = BUDGET
+) -> np.recarray[Any, Any]:
     return run(scene, tolerance, budget, quick=True)
 
 

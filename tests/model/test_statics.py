@@ -15,11 +15,17 @@ from tests.model.scenes import PAIRS, ROUNDING
 FIRST_PEAK, SECOND_PEAK = 1.81 * BODY_WEIGHT, 2.19 * BODY_WEIGHT
 
 
-@pytest.mark.parametrize(("name", "force", "depth"), [
-    ("kelvin_voigt", SECOND_PEAK, 0.747035e-3), ("hertz", SECOND_PEAK, 0.747035e-3),
-    ("kelvin_voigt", FIRST_PEAK, 0.657906e-3), ("hertz", FIRST_PEAK, 0.657906e-3),
-    ("two_layer_elastic", SECOND_PEAK, 0.538046e-3), ("two_layer_viscoelastic", SECOND_PEAK, 0.538046e-3),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "force", "depth"),
+    [
+        ("kelvin_voigt", SECOND_PEAK, 0.747035e-3),
+        ("hertz", SECOND_PEAK, 0.747035e-3),
+        ("kelvin_voigt", FIRST_PEAK, 0.657906e-3),
+        ("hertz", FIRST_PEAK, 0.657906e-3),
+        ("two_layer_elastic", SECOND_PEAK, 0.538046e-3),
+        ("two_layer_viscoelastic", SECOND_PEAK, 0.538046e-3),
+    ],
+)
 def test_static_depths_under_the_papers_loads(name: str, force: float, depth: float) -> None:
     # the values' last digit
     assert statics.plain_static_depth(law(name).rows, force) == pytest.approx(depth, abs=0.5e-9)
@@ -36,7 +42,9 @@ def test_force_at_the_papers_osteoarthritic_depth(name: str) -> None:
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 @settings(max_examples=40)
 @given(force=st.floats(1e-6, 1e6), guess=st.sampled_from([1e-9, 0.9, 0.999, 1.0, 1.1, 20.0]))
-def test_the_static_depth_carries_the_force_whatever_the_guess(name: str, force: float, guess: float) -> None:
+def test_the_static_depth_carries_the_force_whatever_the_guess(
+    name: str, force: float, guess: float
+) -> None:
     contact_law = law(name)
     depth = statics.plain_static_depth(contact_law.rows, force)
     # Rounding of the depth (1e-16 of up to 1 mm and more) times the slope; 1e-12 covers the steepest law here.
@@ -67,9 +75,13 @@ def test_at_rest_the_normal_force_carries_the_load(kind: str, name: str) -> None
     assert found == pytest.approx(depth, abs=ROUNDING)
     # That rounding times the steepest slope (1e8 N/m in bone) is 1e-7 N
     assert upright * law(name).static_force(found) == pytest.approx(900.0, abs=1e-6)
-    assert (force, cosine) == pytest.approx((900.0 / upright, upright), rel=1e-12)  # n_y is that of the height
+    assert (force, cosine) == pytest.approx(
+        (900.0 / upright, upright), rel=1e-12
+    )  # n_y is that of the height
     assert (stiffness, damping) == law(name).force_at(depth, 0.0)[1:]
-    free = statics.static_contact(surfaces, rows, 0.4, -50.0, statics.START_HEIGHT, 0.0, 0.0, statics.NO_LIMIT)
+    free = statics.static_contact(
+        surfaces, rows, 0.4, -50.0, statics.START_HEIGHT, 0.0, 0.0, statics.NO_LIMIT
+    )
     assert (free[1], free[2], free[6]) == (0.0, 0.0, 0)
     assert touch(surfaces, 0.4, 0.0, free[0])[0] == pytest.approx(0.0, abs=ROUNDING)
 

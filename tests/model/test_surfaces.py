@@ -18,7 +18,16 @@ import pytest
 from knee_contact_ros.model import compiler, surfaces
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
 from knee_contact_ros.model.profiles import CELLS, Circle, Profile, lowest_point
-from knee_contact_ros.model.surfaces import Closest, ContactPair, Cup, Plane, Plateau, closest, next_kink, touch
+from knee_contact_ros.model.surfaces import (
+    Closest,
+    ContactPair,
+    Cup,
+    Plane,
+    Plateau,
+    closest,
+    next_kink,
+    touch,
+)
 from studies.ellipse import SmoothFemur
 from tests import ROOT
 from tests.model.brute_force import Femur, above_plane, deepest, in_cup, on_plateau
@@ -28,7 +37,9 @@ MECHANISM = parallel_mechanism()
 
 
 def measured(name: str, noise: float = 0.0) -> np.ndarray:
-    points = np.loadtxt(ROOT / "config" / f"{name}.csv", delimiter=",", comments=["#", "x"], unpack=True)
+    points = np.loadtxt(
+        ROOT / "config" / f"{name}.csv", delimiter=",", comments=["#", "x"], unpack=True
+    )
     shaken = np.random.default_rng(len(name)).normal(size=points.shape) * noise
     return points + (shaken if name.startswith("femur") else shaken * [[0.0], [1.0]])
 
@@ -41,7 +52,9 @@ def ellipse(points: int, a: float = RADIUS, b: float = 0.028) -> Profile:
 def two_bumps(lean: float = 0.0, bump: float = 0.01) -> Profile:
     x = np.linspace(-0.03, 0.03, 121)
     y = -0.03 + 200.0 * (x**2 - bump**2) ** 2 / bump
-    return Profile(math.cos(lean) * x - math.sin(lean) * y, math.sin(lean) * x + math.cos(lean) * y)
+    return Profile(
+        math.cos(lean) * x - math.sin(lean) * y, math.sin(lean) * x + math.cos(lean) * y
+    )
 
 
 def scenes() -> dict[str, tuple]:
@@ -49,13 +62,18 @@ def scenes() -> dict[str, tuple]:
     found = {}
     for noise in (0.0, 5e-5):
         tibia = measured("tibia_medial", noise)
-        tibiae = {"plane": (Plane(SLOPE), above_plane(SLOPE)), "cup": (Cup(CUP_RADIUS), in_cup(CUP_RADIUS)),
-                  "plateau": (Plateau(*tibia), on_plateau(*tibia))}  # fmt: skip
+        tibiae = {
+            "plane": (Plane(SLOPE), above_plane(SLOPE)),
+            "cup": (Cup(CUP_RADIUS), in_cup(CUP_RADIUS)),
+            "plateau": (Plateau(*tibia), on_plateau(*tibia)),
+        }
         femora = {"circle": (Circle(RADIUS), Femur(np.array(RADIUS)))}
         for name in ("femur_medial", "femur_lateral"):
             points = measured(name, noise)
             femora[name] = Profile(*points), Femur(*points)
-        for (femur, (one, brute)), (on, (other, distance)) in itertools.product(femora.items(), tibiae.items()):
+        for (femur, (one, brute)), (on, (other, distance)) in itertools.product(
+            femora.items(), tibiae.items()
+        ):
             label = f"{'noisy ' if noise else ''}{femur} {on}"
             found[label] = (ContactPair(one, other, MECHANISM), brute, distance)
     return found
@@ -79,14 +97,20 @@ def height_for(pair: ContactPair, angle: float, depth: float) -> float:
     low, high = -0.05, 0.2
     for _ in range(30):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if found_by(pair, angle, middle).depth > depth else (low, middle)
+        low, high = (
+            (middle, high) if found_by(pair, angle, middle).depth > depth else (low, middle)
+        )
     return low
 
 
 def poses(pair: ContactPair, number: int, seed: int = 7) -> list[tuple[float, float, float]]:
     """Angle [rad], x [m] and height [m]: from 30 mm apart to 3 mm deep."""
     rng = np.random.default_rng(seed)
-    depths = np.where(rng.random(number) < 0.6, rng.uniform(-0.003, 0.003, number), rng.uniform(-0.03, 0.003, number))
+    depths = np.where(
+        rng.random(number) < 0.6,
+        rng.uniform(-0.003, 0.003, number),
+        rng.uniform(-0.03, 0.003, number),
+    )
     angles = rng.uniform(-0.3, 2.4, number).tolist()
     return [
         (angle, pair.mechanism.translation(angle)[0], height_for(pair, angle, depth))
@@ -140,7 +164,9 @@ def test_a_wrong_node_of_a_table_is_found() -> None:
     cells[:, 1] = kept
     pair, _, _ = SCENES["noisy femur_medial cup"]
     kept = pair.surfaces.starts.copy()
-    pair.surfaces.starts[:, 0] = 10.0  # the search walks downhill from anywhere, but not over bumps
+    pair.surfaces.starts[:, 0] = (
+        10.0  # the search walks downhill from anywhere, but not over bumps
+    )
     with pytest.raises(AssertionError):
         assert compared("noisy femur_medial cup", poses(pair, 6)) < 1e-10
     pair.surfaces.starts[:] = kept
@@ -155,10 +181,14 @@ def test_touch_is_closest_and_its_derivatives(name: str) -> None:
         assert math.hypot(found.normal_x, found.normal_y) == pytest.approx(1.0, abs=1e-15)
         _, x_slope = pair.mechanism.translation(angle)
         rate = found.turning * 0.7 - found.normal_x * (x_slope * 0.7)
-        assert touch(tables, angle, 0.7, height) == pytest.approx((found.depth, rate, found.normal_y), abs=1e-16)
+        assert touch(tables, angle, 0.7, height) == pytest.approx(
+            (found.depth, rate, found.normal_y), abs=1e-16
+        )
         if "noisy" in name:
             continue  # the contact may leap
-        around = [(angle + i * k, height + j * k) for i, j in ((1, 0), (0, 1)) for k in (-step, step)]
+        around = [
+            (angle + i * k, height + j * k) for i, j in ((1, 0), (0, 1)) for k in (-step, step)
+        ]
         depths = np.reshape([pair.closest(*pose).depth for pose in around], (2, 2))
         slopes = [(after - before) / (2.0 * step) for before, after in depths]
         # Curvature jumps by less than 1/m x step
@@ -174,7 +204,12 @@ def test_compiled_gives_the_same_bits() -> None:
 @pytest.mark.parametrize("angle", [-10.0, -2.0, 3.0, 10.0])
 @pytest.mark.parametrize("height", [1.0, 30.0, 0.01, -0.1])
 def test_odd_poses_have_finite_answers(angle: float, height: float) -> None:
-    for name in ("circle cup", "circle plateau", "femur_medial plateau", "noisy femur_lateral cup"):
+    for name in (
+        "circle cup",
+        "circle plateau",
+        "femur_medial plateau",
+        "noisy femur_lateral cup",
+    ):
         assert np.isfinite(SCENES[name][0].closest(angle, height)).all()
 
 
@@ -195,7 +230,9 @@ def test_splines_through_an_ellipse_converge_at_fourth_order() -> None:
         assert (found.extent, found.turning) == pytest.approx(exact(angle), abs=1e-15)
         assert fine.support(angle)[1] == pytest.approx(exact(angle)[1], abs=1e-8)
     with pytest.raises(ValueError, match="not smooth"):
-        _ = ContactPair(SmoothFemur(closed_form=lambda t: (abs(math.sin(t)), math.cos(t))), Plane(), hinge()).surfaces
+        _ = ContactPair(
+            SmoothFemur(closed_form=lambda t: (abs(math.sin(t)), math.cos(t))), Plane(), hinge()
+        ).surfaces
 
 
 def test_the_arc_goes_on_along_its_end_tangents() -> None:
@@ -203,7 +240,9 @@ def test_the_arc_goes_on_along_its_end_tangents() -> None:
     end = CUP_RADIUS * np.array([side, 1.0 - up])
     for along, across in itertools.product((0.0, 0.02, 3.0), (-0.005, 0.034)):
         x, y = end + along * np.array([up, side]) + across * np.array([-side, up])
-        found = ContactPair(Circle(RADIUS), Cup(CUP_RADIUS), hinge(float(x))).closest(0.3, float(y))
+        found = ContactPair(Circle(RADIUS), Cup(CUP_RADIUS), hinge(float(x))).closest(
+            0.3, float(y)
+        )
         assert found.depth == pytest.approx(RADIUS - across, abs=2e-15)  # rounding of 3 m
         assert (found.normal_x, found.normal_y) == pytest.approx((-side, up), abs=1e-15)
 
@@ -211,14 +250,22 @@ def test_the_arc_goes_on_along_its_end_tangents() -> None:
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-4])
 def test_polynomials_are_the_support(noise: float) -> None:
     profile = Profile(*measured("femur_lateral", noise))
-    pair, edges = ContactPair(profile, Plane(), hinge()), np.arange(-10, CELLS + 10) * (math.tau / CELLS)
-    angles = np.concatenate([edges, np.nextafter(edges, -9.0), np.nextafter(edges, 9.0), edges + 1e-3])
+    pair, edges = (
+        ContactPair(profile, Plane(), hinge()),
+        np.arange(-10, CELLS + 10) * (math.tau / CELLS),
+    )
+    angles = np.concatenate(
+        [edges, np.nextafter(edges, -9.0), np.nextafter(edges, 9.0), edges + 1e-3]
+    )
     for angle in angles.tolist():
         h, slope, _ = lowest_point(*profile.on_plane[1:4], angle)
         found = pair.closest(angle, 0.03)
         assert found.extent == pytest.approx(h, abs=1e-16)
         if abs(found.turning - slope) > 3e-16:  # then the edge is a kink
-            assert np.abs(np.remainder(profile.on_plane.kinks - angle + 1.0, math.tau) - 1.0).min() < 1e-12
+            assert (
+                np.abs(np.remainder(profile.on_plane.kinks - angle + 1.0, math.tau) - 1.0).min()
+                < 1e-12
+            )
     if noise == 0.0:
         assert np.isnan(profile.on_plane.cells[: CELLS // 4, 0]).mean() < 0.12
 
@@ -238,19 +285,27 @@ def test_two_equal_bumps_change_places_where_they_are_level(lean: float) -> None
     before, behind = (pair.closest(kink + side * 1e-9, 0.03).turning for side in (-1, 1))
     assert behind - before == pytest.approx(0.02, rel=1e-6)
     assert kinks_between(pair, 0.6, -0.6) == kinks_between(pair, -0.6, 0.6)[::-1]
-    assert any(abs(one - kink - math.tau) < 1e-9 for one in kinks_between(pair, 5.5, 7.0))  # a whole turn on
+    assert any(
+        abs(one - kink - math.tau) < 1e-9 for one in kinks_between(pair, 5.5, 7.0)
+    )  # a whole turn on
     assert any(abs(one - kink + math.tau) < 1e-9 for one in kinks_between(pair, -5.5, -7.0))
 
 
 def test_figures_that_the_solver_reads() -> None:
     for name, (pair, _, _) in SCENES.items():
         tables = pair.surfaces
-        assert tables.non_convex == float("noisy" in name and "plane" not in name and name != "noisy circle cup")
+        assert tables.non_convex == float(
+            "noisy" in name and "plane" not in name and name != "noisy circle cup"
+        )
         assert tables.largest_radius >= np.hypot(*pair.femur.outline().T).max() * (1.0 - 1e-12)
         assert math.isinf(tables.knot_spacing) == ("circle" in name)
         assert tables.concave >= 0.0
-    assert ContactPair(ellipse(80, RADIUS, RADIUS), Plane(), hinge()).femoral_radius == pytest.approx(RADIUS, rel=1e-5)
-    assert math.isinf(ContactPair(Profile([0, 1, 2, 3], [0, 0, 0, 0]), Plane(), hinge()).femoral_radius)
+    assert ContactPair(
+        ellipse(80, RADIUS, RADIUS), Plane(), hinge()
+    ).femoral_radius == pytest.approx(RADIUS, rel=1e-5)
+    assert math.isinf(
+        ContactPair(Profile([0, 1, 2, 3], [0, 0, 0, 0]), Plane(), hinge()).femoral_radius
+    )
 
 
 @pytest.mark.parametrize(
@@ -262,7 +317,10 @@ def test_figures_that_the_solver_reads() -> None:
         (lambda: Plateau([0.0, 0.0, 1.0, 2.0], [0.0, 0.0, 1.0, 0.0]), "at least 4"),
         (lambda: Plateau([0.0, 1.0, 2.0, 3.0], [0.0, math.nan, 0.0, 1.0]), "not finite"),
         (lambda: Plateau([0.0, 2.0, 1.0, 3.0], [0.0, 1.0, 0.0, 1.0]), "turn back"),
-        *((lambda radius=radius: Cup(radius), "finite and > 0") for radius in (0.0, -0.095, math.nan, math.inf)),
+        *(
+            (lambda radius=radius: Cup(radius), "finite and > 0")
+            for radius in (0.0, -0.095, math.nan, math.inf)
+        ),
     ],
 )
 def test_surfaces_that_cannot_be_used_are_refused(made, words: str) -> None:
@@ -273,7 +331,9 @@ def test_surfaces_that_cannot_be_used_are_refused(made, words: str) -> None:
 def test_points_may_repeat_and_come_in_either_order() -> None:
     x, y = measured("tibia_medial")
     backwards = x[::-1].repeat(2), y[::-1].repeat(2)
-    there, back = (ContactPair(Circle(RADIUS), Plateau(*points), hinge()) for points in ((x, y), backwards))
+    there, back = (
+        ContactPair(Circle(RADIUS), Plateau(*points), hinge()) for points in ((x, y), backwards)
+    )
     assert there.closest(0.4, 0.035) == back.closest(0.4, 0.035)
     assert surfaces.TIBIAL_GEOMETRIES["profile"] is Plateau
     outline = there.outline(0.15)
@@ -283,4 +343,6 @@ def test_points_may_repeat_and_come_in_either_order() -> None:
 if __name__ == "__main__":
     count, chosen = map(int, sys.argv[1:3])
     for label in sys.argv[3:] or SCENES:
-        print(f"{label}: {compared(label, poses(SCENES[label][0], count, chosen)):.1e} m", flush=True)  # noqa: T201
+        print(  # noqa: T201
+            f"{label}: {compared(label, poses(SCENES[label][0], count, chosen)):.1e} m", flush=True
+        )

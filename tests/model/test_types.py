@@ -34,9 +34,15 @@ def test_a_row_holds_the_bytes_of_its_messages() -> None:
 
 def test_an_answer_consists_of_numbers_as_declared_and_prints_their_names() -> None:
     contact = model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 800.0)
-    assert (type(contact.status), type(contact.evaluations), type(contact.load)) == (int, int, float)
+    assert (type(contact.status), type(contact.evaluations), type(contact.load)) == (
+        int,
+        int,
+        float,
+    )
     assert contact.evaluations - 1000 < 0  # which an unsigned number would not be
     assert (type(contact.contact_point), type(contact.contact_wrench.torque)) == (Point, Point)
     assert str(contact).startswith("(flexion_angle=0.1, load=800.0, contact_force=")
     assert "contact_point=(x=0.0, y=" in str(contact)
-    assert repr(contact).startswith("<Contact at 0 s: load 800.0 N, contact force 800.0 N, depth 0.468 mm>")
+    assert repr(contact).startswith(
+        "<Contact at 0 s: load 800.0 N, contact force 800.0 N, depth 0.468 mm>"
+    )

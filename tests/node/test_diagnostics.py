@@ -40,7 +40,9 @@ class Time:
         """Health of a node with these parameters."""
         read, log = load_parameters(parameters), SimpleNamespace(warning=self.logged.append)
         self.paired = ContactStream(read, compiled=False)
-        node: Any = SimpleNamespace(get_fully_qualified_name=lambda: "/knee", get_logger=lambda: log)
+        node: Any = SimpleNamespace(
+            get_fully_qualified_name=lambda: "/knee", get_logger=lambda: log
+        )
         self.session = Quiet(node, read, self.paired)
         return Health(self.session)
 
@@ -74,7 +76,10 @@ def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
     assert (values["force ahead of angle [s]"], problem) == ("0.000", (OK, ""))
     clock.paired.synchroniser.push_angle(AngleSample(1300 * MS, 0.1))
     clock.feed(range(1100, 1200, 5))
-    assert health.pairing()[2] == (WARN, "1 stamps fit neither the sample before nor the other topic")
+    assert health.pairing()[2] == (
+        WARN,
+        "1 stamps fit neither the sample before nor the other topic",
+    )
     assert health.pairing()[2] == (OK, "")
     clock.feed(range(100, 200, 5))
     jumped = "stamps of joint_states have jumped; stamps of joint_reaction_force have jumped"
@@ -83,11 +88,18 @@ def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
     clock.now += 5.0
     clock.feed(range(0, 50, 5))
     health.pairing()
-    assert [said.partition(";")[0].split()[-1] for said in clock.logged] == ["topic", "jumped"]  # 5 s lie between
+    assert [said.partition(";")[0].split()[-1] for said in clock.logged] == [
+        "topic",
+        "jumped",
+    ]  # 5 s lie between
 
 
-@pytest.mark.parametrize(("ahead", "first", "second"), [(150, "states", "force"), (-150, "force", "states")])
-def test_clocks_that_disagree_are_said_as_long_as_they_do(clock: Time, ahead: int, first: str, second: str) -> None:
+@pytest.mark.parametrize(
+    ("ahead", "first", "second"), [(150, "states", "force"), (-150, "force", "states")]
+)
+def test_clocks_that_disagree_are_said_as_long_as_they_do(
+    clock: Time, ahead: int, first: str, second: str
+) -> None:
     clock.feed(range(0, 500, 5), ahead=ahead)
     for _ in range(2):
         _, _, (_, problem) = clock.health.pairing()
@@ -139,7 +151,10 @@ def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
     ):
         clock.receive(meter, 80, period)
         assert meter.report()[1] == problem
-    for later, problem in ((0.5, (WARN, "silent for 0.5 s")), (0.6, (STALE, "timeout: silent for 1.1 s"))):
+    for later, problem in (
+        (0.5, (WARN, "silent for 0.5 s")),
+        (0.6, (STALE, "timeout: silent for 1.1 s")),
+    ):
         clock.now += later
         assert meter.report()[1] == problem
 

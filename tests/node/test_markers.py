@@ -27,7 +27,9 @@ FILES = {
     "tibia.profile": "tibia_medial.csv",
     "translation.table": "translation_medial.csv",
 }
-FEMUR, TIBIA, POINT, FORCE = (f"knee/{name}" for name in ("femur", "tibia", "contact_point", "contact_force_on_femur"))
+FEMUR, TIBIA, POINT, FORCE = (
+    f"knee/{name}" for name in ("femur", "tibia", "contact_point", "contact_force_on_femur")
+)
 
 
 def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]:
@@ -47,7 +49,9 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
     model = knee_contact_ros.load_model(FILES | names | slope)
     series = model.run(TIME, ANGLE, LOAD)
     assert {0, 1} == {int(state) for state in series.contact_state}
-    assert sagitta(model.pair.femur.outline()) < 0.02 * series.penetration_depth.max()  # else it would say nothing
+    assert (
+        sagitta(model.pair.femur.outline()) < 0.02 * series.penetration_depth.max()
+    )  # else it would say nothing
     knee = KneeMarkers([drawing_of(model, "knee", 700.0)])
     for answer in series:
         markers = read(knee, "tibia", answer)
@@ -68,8 +72,12 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
             begin, end = drawn(markers[FORCE])
             assert markers[FORCE].action == 0
             assert (begin == point).all()
-            assert np.linalg.norm(end - begin) == pytest.approx(LENGTH * answer.contact_force, rel=1e-9)
-            force = np.array([answer.contact_wrench.force.x, answer.contact_wrench.force.y, 0.0])  # on the tibia
+            assert np.linalg.norm(end - begin) == pytest.approx(
+                LENGTH * answer.contact_force, rel=1e-9
+            )
+            force = np.array(
+                [answer.contact_wrench.force.x, answer.contact_wrench.force.y, 0.0]
+            )  # on the tibia
             assert end - begin == pytest.approx(-LENGTH * force, rel=1e-9, abs=1e-12)
         else:
             assert markers[FORCE].action == 2
@@ -79,7 +87,10 @@ def test_the_point_has_the_colour_of_the_state_and_a_pull_points_the_other_way()
     knee = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     for state in ContactState:
         colour = read(knee, "tibia", contact(contact_state=int(state)))[POINT].color
-        assert np.round(255.0 * np.array([colour.r, colour.g, colour.b])).tolist() == OF_STATE[state].tolist()
+        assert (
+            np.round(255.0 * np.array([colour.r, colour.g, colour.b])).tolist()
+            == OF_STATE[state].tolist()
+        )
     force = read(knee, "tibia", contact(contact_force=-50.0))[FORCE]
     begin, end = drawn(force)
     assert force.action == 0
@@ -89,8 +100,18 @@ def test_the_point_has_the_colour_of_the_state_and_a_pull_points_the_other_way()
 def test_nothing_is_left_of_the_answer_before() -> None:
     """One message is written over again and again, in other frames too."""
     markers = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
-    apart = {"contact_force": 0.0, "contact_state": 0, "flexion_angle": 1.0, "femoral_height": 0.04}
-    answers = [contact(), contact(**apart), contact(stamp=5, contact_point=(0.02, 0.01, 0.0)), contact(contact_state=2)]
+    apart = {
+        "contact_force": 0.0,
+        "contact_state": 0,
+        "flexion_angle": 1.0,
+        "femoral_height": 0.04,
+    }
+    answers = [
+        contact(),
+        contact(**apart),
+        contact(stamp=5, contact_point=(0.02, 0.01, 0.0)),
+        contact(contact_state=2),
+    ]
     for frame_id in ("tibia_l", "tibia_l", "a longer name", "tibia_r"):
         for answer in answers:
             alone = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])

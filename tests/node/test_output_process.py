@@ -19,7 +19,12 @@ from knee_contact_ros.node.output_process import SLICE
 from knee_contact_ros.node.outputs import BATCH, SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import Answer
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
@@ -38,9 +43,13 @@ from tests.helpers.sinks import (
 )
 
 
-def test_a_batch_is_sent_however_long_answers_are_gathered(started: Started, tmp_path: Path) -> None:
+def test_a_batch_is_sent_however_long_answers_are_gathered(
+    started: Started, tmp_path: Path
+) -> None:
     """A small queue would be full before; the first answers may be sent while the process begins."""
-    sink = started.begun(recording(tmp_path / "knee.mcap")._replace(gather=1e4), True, MayWait(2 * BATCH, 1.0))
+    sink = started.begun(
+        recording(tmp_path / "knee.mcap")._replace(gather=1e4), True, MayWait(2 * BATCH, 1.0)
+    )
     put(sink, range(2 * BATCH))
     wait_until(lambda: int(sink.report()[0]["backlog"]) < BATCH)
     close(sink)
@@ -48,13 +57,18 @@ def test_a_batch_is_sent_however_long_answers_are_gathered(started: Started, tmp
 
 
 @needs_viewer
-def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, tmp_path: Path) -> None:
+def test_an_output_that_exists_is_left_alone_and_names_go_on(
+    started: Started, tmp_path: Path
+) -> None:
     for name in ("knee.mcap", "knee_1.mcap.partial", "knee.rrd", "other.rrd.partial"):
         (tmp_path / name).write_text("earlier")
     sink, picture = started.recorder(tmp_path / "knee.mcap"), started.viewer(tmp_path / "knee.rrd")
     put(sink, range(10))
     put(picture, range(10))
-    assert (sink.name, picture.name) == (str(tmp_path / "knee_2.mcap"), str(tmp_path / "knee_1.rrd"))
+    assert (sink.name, picture.name) == (
+        str(tmp_path / "knee_2.mcap"),
+        str(tmp_path / "knee_1.rrd"),
+    )
     (tmp_path / "knee_2.mcap").write_text("quicker")
     close(sink)
     close(picture)
@@ -63,16 +77,21 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
     assert (tmp_path / "knee.mcap").read_text() == (tmp_path / "knee.rrd").read_text() == "earlier"
     assert (tmp_path / "knee_2.mcap").read_text() == "quicker"
     partial, drawn = tmp_path / "knee_1.mcap.partial", tmp_path / "other.rrd.partial"
-    assert sorted(started.remarks) == sorted([  # of two processes
-        f"{tmp_path / 'knee.mcap'} is there already: this recording is {tmp_path / 'knee_2.mcap'}",
-        f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole",
-        f"{tmp_path / 'knee.rrd'} is there already: this Rerun recording is {tmp_path / 'knee_1.rrd'}",
-        f"{drawn} is a recording that was cut off: `rerun rrd merge {drawn} -o OUT.rrd` makes it whole",
-        f"something took the name {tmp_path / 'knee_2.mcap'} meanwhile: the recording is {tmp_path / 'knee_2_1.mcap'}",
-    ])  # fmt: skip
+    assert sorted(started.remarks) == sorted(
+        [  # of two processes
+            f"{tmp_path / 'knee.mcap'} is there already: this recording is {tmp_path / 'knee_2.mcap'}",
+            f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole",
+            f"{tmp_path / 'knee.rrd'} is there already: this Rerun recording is {tmp_path / 'knee_1.rrd'}",
+            f"{drawn} is a recording that was cut off: `rerun rrd merge {drawn} -o OUT.rrd` makes it whole",
+            f"something took the name {tmp_path / 'knee_2.mcap'} meanwhile: "
+            f"the recording is {tmp_path / 'knee_2_1.mcap'}",
+        ]
+    )
 
 
-def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_process_that_does_not_start_is_told(
+    started: Started, tmp_path: Path, monkeypatch: Any
+) -> None:
     def words(happens: Callable[[SinkProcess], None] = lambda sink: None) -> str:
         sink = started.recorder(tmp_path / "out.mcap", wait=False)
         happens(sink)
@@ -80,18 +99,25 @@ def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path,
         if sink.process and not sink.is_over():
             sink.process.send_signal(signal.SIGCONT)
         close(sink)
-        return sink.failure.removeprefix(f"recording {tmp_path / 'out.mcap'}").removeprefix(" cannot be opened: ")
+        return sink.failure.removeprefix(f"recording {tmp_path / 'out.mcap'}").removeprefix(
+            " cannot be opened: "
+        )
 
     with monkeypatch.context() as patch:
         patch.setattr("sys.executable", "/no/where")
         assert words() == "FileNotFoundError: [Errno 2] No such file or directory: '/no/where'"
     with monkeypatch.context() as patch:
-        patch.setattr("knee_contact_ros.node.outputs.WORKER", "only_here")  # found where we look for modules
+        patch.setattr(
+            "knee_contact_ros.node.outputs.WORKER", "only_here"
+        )  # found where we look for modules
         patch.syspath_prepend(tmp_path)
         (tmp_path / "only_here.py").write_text("raise SystemExit(7)")
         assert words() == "its process ended with code 7"
     monkeypatch.setattr("knee_contact_ros.node.outputs.START", 0.05)
-    assert words(lambda sink: os.kill(pid(sink), signal.SIGSTOP)) == ": its process has not started within 0.05 s"
+    assert (
+        words(lambda sink: os.kill(pid(sink), signal.SIGSTOP))
+        == ": its process has not started within 0.05 s"
+    )
     assert len(started.told) == 3
 
 
@@ -113,7 +139,9 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
     os.kill(pid(sink), signal.SIGCONT)
     close(sink)
     assert started.told == [sink.failure]
-    assert "knee.rrd has gaps: more waited than 500 answers (parameter rerun.queue)" in sink.failure
+    assert (
+        "knee.rrd has gaps: more waited than 500 answers (parameter rerun.queue)" in sink.failure
+    )
     assert sink.report()[1:] == (sink.failure, True)
     assert shown_ticks(tmp_path / "knee.rrd") == list(range(last))
 
@@ -121,7 +149,10 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
 @pytest.mark.parametrize("joints", [1, 100])
 def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
     """As answers come from the pipeline, within a third; what is counted is what `record.queue_size` limits."""
-    pipeline, names = ContactStream(load_parameters({}), compiled=True), tuple(f"joint_{i}" for i in range(joints - 1))
+    pipeline, names = (
+        ContactStream(load_parameters({}), compiled=True),
+        tuple(f"joint_{i}" for i in range(joints - 1)),
+    )
     numbers = tuple(float(number) for number in range(joints))
     inputs = []
     for stamp in range(0, 2_000_000_000, 1_000_000):
@@ -158,7 +189,8 @@ def test_a_process_that_stands_still_does_not_hold_up_the_end_and_completes_late
     (words,) = started.told
     label = f"recording {tmp_path / 'out.mcap'} is not complete yet, and is not waited for"
     told = re.fullmatch(
-        rf"{label}: its process \({pid(sink)}\) goes on; (\d+) answers have not been handed to it", words
+        rf"{label}: its process \({pid(sink)}\) goes on; (\d+) answers have not been handed to it",
+        words,
     )
     assert told
     assert (complete, int(told[1]) > 0) == ((True, False) if number == 10 else (False, True))
@@ -179,13 +211,19 @@ def test_a_sinks_process_is_lean_steps_back_and_ends_when_it_is_told_only(
     sink = started.recorder(tmp_path / "out.mcap")
     process = psutil.Process(pid(sink))
     assert os.getpgid(process.pid) == process.pid  # so that a terminal does not send it any signal
-    assert os.getsid(process.pid) == os.getsid(0)  # so that it gets its share where sessions have shares
+    assert os.getsid(process.pid) == os.getsid(
+        0
+    )  # so that it gets its share where sessions have shares
     loaded = [Path(library.path).name for library in process.memory_maps()]
     assert not [name for name in loaded if "rcl" in name or "numpy" in name or "scipy" in name]
     assert process.nice() == psutil.Process().nice()  # its share of a busy machine
-    assert os.sched_getscheduler(process.pid) == os.SCHED_BATCH  # that it takes from nobody who runs
+    assert (
+        os.sched_getscheduler(process.pid) == os.SCHED_BATCH
+    )  # that it takes from nobody who runs
     state = Path(f"/proc/{process.pid}/sched")
-    slices = re.findall(r"se\.slice +: +(\d+)", state.read_text(encoding="ascii") if state.exists() else "")
+    slices = re.findall(
+        r"se\.slice +: +(\d+)", state.read_text(encoding="ascii") if state.exists() else ""
+    )
     linux = [int(part) for part in platform.release().split(".")[:2]]
     assert linux < [6, 12] or slices in ([], [str(SLICE)])  # nor from anybody who wakes
     assert all(Path(file.path).name == "out.mcap.partial" for file in process.open_files())
@@ -195,5 +233,7 @@ def test_a_sinks_process_is_lean_steps_back_and_ends_when_it_is_told_only(
     close(sink)
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
     viewer = started.viewer(tmp_path / "knee.rrd")
-    assert psutil.Process(pid(viewer)).nice() == min(psutil.Process().nice() + NICENESS, 19)  # 19 is the most
+    assert psutil.Process(pid(viewer)).nice() == min(
+        psutil.Process().nice() + NICENESS, 19
+    )  # 19 is the most
     close(viewer)

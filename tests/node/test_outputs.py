@@ -22,7 +22,12 @@ from tests.helpers.sinks import MayWait, Started, answer, close, recorded_ticks
 def described(**parameters: Any) -> Knee:
     """A knee that outputs are described from."""
     read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
-    return Knee(read, {KNEE_CONTACT: ContactStream(read, compiled=False).model}, ABSOLUTE_NAMES, {"version": "1"})
+    return Knee(
+        read,
+        {KNEE_CONTACT: ContactStream(read, compiled=False).model},
+        ABSOLUTE_NAMES,
+        {"version": "1"},
+    )
 
 
 OFF = dict.fromkeys(("sync_period", "max_size", "max_duration", "min_free"), 0.0)
@@ -31,17 +36,28 @@ OFF = dict.fromkeys(("sync_period", "max_size", "max_duration", "min_free"), 0.0
 @pytest.mark.parametrize(
     ("asked", "expected"),
     [
-        ({"flush_period": 0.5, "sync_period": 2.0, "max_size": 1.5, "max_duration": 3.0, "min_free": 7.0},
-         Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0)),
+        (
+            {
+                "flush_period": 0.5,
+                "sync_period": 2.0,
+                "max_size": 1.5,
+                "max_duration": 3.0,
+                "min_free": 7.0,
+            },
+            Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0),
+        ),
         ({"flush_period": 0.5} | OFF, Settings(0.5, Limits(math.inf, math.inf), 0.0, 0.0)),
     ],
-)  # fmt: skip
+)
 def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
     tmp_path: Path, asked: dict[str, float], expected: Settings
 ) -> None:
     """What is 0 is off: without a limit."""
     path = str(tmp_path / "out.mcap")
-    sink = sink_of("record", described(record__path=path, **{f"record__{key}": value for key, value in asked.items()}))
+    sink = sink_of(
+        "record",
+        described(record__path=path, **{f"record__{key}": value for key, value in asked.items()}),
+    )
     assert sink
     assert sink.name == path
     assert sink.arguments[1:4] == ({"version": "1"}, ABSOLUTE_NAMES, expected)
@@ -51,7 +67,10 @@ def test_a_snapshot_is_no_larger_than_what_may_wait(started: Started, tmp_path: 
     ring = Ring(1e3, 10**6, 1e6)
     for number in range(3000):
         ring.put(answer(number))
-    sink, (items, _) = started.recorder(tmp_path / "out.mcap", wait=False, queue=MayWait(10**6, 1.0)), ring.taken()
+    sink, (items, _) = (
+        started.recorder(tmp_path / "out.mcap", wait=False, queue=MayWait(10**6, 1.0)),
+        ring.taken(),
+    )
     for item in items:
         sink.put(item)
     assert close(sink)
@@ -61,6 +80,8 @@ def test_a_snapshot_is_no_larger_than_what_may_wait(started: Started, tmp_path: 
 
 def test_a_recording_that_is_not_open_yet_is_named() -> None:
     outputs, states = Outputs(knee := described(), None), {"a": STARTING, "b": OPEN}
-    outputs._ending = [SimpleNamespace(name=each, state=states[each], failure="") for each in states]  # type: ignore[misc]
+    outputs._ending = [
+        SimpleNamespace(name=each, state=states[each], failure="") for each in states
+    ]  # type: ignore[misc]
     with pytest.raises(UsageError, match=r"^a is not open yet; try again"):
         outputs.save_snapshot([], knee)

@@ -15,12 +15,25 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 
 FREE_TEXTS = {
-    "knee.joint_name", "knee.height_joint_name", "femur.profile", "tibia.profile", "translation.table",
-    "load.share_file", "record.path", "rerun.path", "rerun.knees",
-}  # fmt: skip
+    "knee.joint_name",
+    "knee.height_joint_name",
+    "femur.profile",
+    "tibia.profile",
+    "translation.table",
+    "load.share_file",
+    "record.path",
+    "rerun.path",
+    "rerun.knees",
+}
 """Names and paths"""
 FREE_TEXTS |= {"lateral.femur.profile", "lateral.tibia.profile"}
-LIMITS_OF_OTHERS = {"tibia.radius", "contact.tibial_radius", "contact.exponent", "femur.scale", "tibia.scale"}
+LIMITS_OF_OTHERS = {
+    "tibia.radius",
+    "contact.tibial_radius",
+    "contact.exponent",
+    "femur.scale",
+    "tibia.scale",
+}
 """Parameters that must fit others, too"""
 
 
@@ -50,20 +63,34 @@ def test_a_range_is_that_of_the_check(name: str) -> None:
             if not descriptor.additional_constraints:
                 load_parameters({name: kind(end)})
             with pytest.raises(UsageError, match=name):
-                load_parameters({name: kind(end + beyond * max(abs(end), 1) * (1 if kind is int else 1e-6))})
+                load_parameters(
+                    {name: kind(end + beyond * max(abs(end), 1) * (1 if kind is int else 1e-6))}
+                )
 
 
 @pytest.mark.parametrize(
-    ("given", "told"), [((12.0, 9.3014), []), ((9.3014, 12.0), [12.0]), ((12.0, 13.0), [13.0]), ((9.3014,), [])]
+    ("given", "told"),
+    [((12.0, 9.3014), []), ((9.3014, 12.0), [12.0]), ((12.0, 13.0), [13.0]), ((9.3014,), [])],
 )
-def test_of_a_value_that_is_set_twice_at_once_the_last_one_counts(given: tuple[float, ...], told: list[float]) -> None:
+def test_of_a_value_that_is_set_twice_at_once_the_last_one_counts(
+    given: tuple[float, ...], told: list[float]
+) -> None:
     values = {"femur.mass": Parameter("femur.mass", value=9.3014)}
     node: Any = SimpleNamespace(get_parameters_by_prefix=lambda _: values)
-    for name in ("add_on_set_parameters_callback", "add_post_set_parameters_callback", "set_descriptor"):
+    for name in (
+        "add_on_set_parameters_callback",
+        "add_post_set_parameters_callback",
+        "set_descriptor",
+    ):
         setattr(node, name, lambda *_: None)
     node.declare_parameter = node.set_descriptor
-    parameters, taken = NodeParameters(node, NodeKind(Parameters, frozenset(values), Any)), list[float]()
-    parameters.user = SimpleNamespace(check=id, retune=lambda _, changed: taken.extend(changed.values()))  # type: ignore[assignment]
+    parameters, taken = (
+        NodeParameters(node, NodeKind(Parameters, frozenset(values), Any)),
+        list[float](),
+    )
+    parameters.user = SimpleNamespace(
+        check=id, retune=lambda _, changed: taken.extend(changed.values())
+    )  # type: ignore[assignment]
     changes = [Parameter("femur.mass", value=value) for value in given]
     assert parameters._on_set(changes).successful
     parameters._after_set(changes)

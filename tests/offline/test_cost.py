@@ -19,7 +19,12 @@ from tests.helpers.messages import raw_inputs
 
 BAG = share_folder() / "bags" / "gait2354_right"
 ALLOWED = 1.02
-EVALUATIONS = {"healthy": 7165, "osteoarthritis": 28218, "mri_knee": 7349, "both_compartments": 14330}
+EVALUATIONS = {
+    "healthy": 7165,
+    "osteoarthritis": 28218,
+    "mri_knee": 7349,
+    "both_compartments": 14330,
+}
 """Contact law evaluations of the shipped gait's 387 ticks, by parameter file; osteoarthritis took 15582 before its
 undamped layer was known for 30 s and not 1, mri_knee 7157 before knots of splines counted in the estimate (8afde34)"""
 CALLS = 141

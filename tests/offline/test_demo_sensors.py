@@ -16,7 +16,9 @@ from knee_contact_ros.commands.demo import with_assistance
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("effort", [(), (7.0, 8.0)])
-def test_an_extending_torque_reaches_the_estimator_as_one(sign: float, effort: tuple[float, ...]) -> None:
+def test_an_extending_torque_reaches_the_estimator_as_one(
+    sign: float, effort: tuple[float, ...]
+) -> None:
     parameters = load_parameters({"knee.sign": sign, "knee.assisted": True}, LoadParameters)
     data = encode_joint_state(JointState(5, "", ("hip", "knee"), (0.1, 0.2), (), effort))
     message = decode_joint_state(with_assistance(data, parameters.knee, 6.0))

@@ -35,7 +35,12 @@ WALK = walk()
 
 
 def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> LoadSummary:
-    return estimate_load(bag, load_parameters(WHOLE_LEG if values is None else values, LoadParameters), output, **how)
+    return estimate_load(
+        bag,
+        load_parameters(WHOLE_LEG if values is None else values, LoadParameters),
+        output,
+        **how,
+    )
 
 
 def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
@@ -65,23 +70,48 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     messages = raw(estimated)
     assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
     assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
-    pipeline, expected, told = LoadStream(load_parameters(WHOLE_LEG, LoadParameters)), [], list[Estimate]()
+    pipeline, expected, told = (
+        LoadStream(load_parameters(WHOLE_LEG, LoadParameters)),
+        [],
+        list[Estimate](),
+    )
     for message in WALK:
-        for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
-            expected += [RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]]
+        for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(
+            message.data
+        ):
+            expected += [
+                RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]
+            ]
             told.append(pipeline.estimate)
     assert [m for m in messages if m.topic in (REACTION, ESTIMATE)] == expected
     summary = estimate(walking, None)
     assert summary.axial.tolist() == [each.axial_force for each in told]
-    assert summary.stamps.tolist() == [message.log_time for message in WALK if message.topic == FORCE]
+    assert summary.stamps.tolist() == [
+        message.log_time for message in WALK if message.topic == FORCE
+    ]
     assert summary.peak == max(told, key=lambda each: each.axial_force)
     assert (summary.level, summary.calibrated) == ("ankle_moment", False)
-    assert (summary.flagged, summary.refused, summary.damage, summary.implausible) == ({}, {}, [], [])
+    assert (summary.flagged, summary.refused, summary.damage, summary.implausible) == (
+        {},
+        {},
+        [],
+        [],
+    )
 
 
-def test_angles_that_no_knee_has_are_told_once(walking: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_angles_that_no_knee_has_are_told_once(
+    walking: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     output = walking.with_name("bent.mcap")
-    arguments = [str(walking), "--params", "load/inverse_dynamics", "-p", "knee.offset:=5.0", "--output", str(output)]
+    arguments = [
+        str(walking),
+        "--params",
+        "load/inverse_dynamics",
+        "-p",
+        "knee.offset:=5.0",
+        "--output",
+        str(output),
+    ]
     assert main(["estimate-load", *arguments]) == 0
     assert capsys.readouterr().err.count("does it have an offset (knee.offset, in rad)") == 1
     with pytest.warns(UserWarning, match=r"offset \(knee\.offset, in rad\)"):
@@ -90,7 +120,11 @@ def test_angles_that_no_knee_has_are_told_once(walking: Path, capsys: pytest.Cap
 
 def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) -> None:
     said = metadata(estimated)[LOAD_PROVENANCE]
-    assert (said["level"], said["source"], said["ticks_before"]) == ("ankle_moment", walking.name, "0")
+    assert (said["level"], said["source"], said["ticks_before"]) == (
+        "ankle_moment",
+        walking.name,
+        "0",
+    )
     assert '"ground.components": "full"' in said["parameters"]
     assert not any(word in said["parameters"] for word in ("record.", "diagnostics.", "autostart"))
     assert metadata(estimated)[REFUSED_SAMPLES] == {"total": "0"}
@@ -106,11 +140,20 @@ def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
         read_answers(tmp_path / "contact.mcap", "/knee_contact"),
         read_bag(estimated, {ESTIMATE: TYPES[ESTIMATE]}),
     )
-    deviation, axial = np.array([(m.message.standard_deviation, m.message.axial_force) for m in told]).T
-    found, force = build_model(load_parameters({})).uncertainty(rows, 0.5 * deviation), rows["contact_force"]
-    np.testing.assert_allclose(deviation * force / axial, found.contact_force, rtol=1e-9)  # as the reference says
+    deviation, axial = np.array(
+        [(m.message.standard_deviation, m.message.axial_force) for m in told]
+    ).T
+    found, force = (
+        build_model(load_parameters({})).uncertainty(rows, 0.5 * deviation),
+        rows["contact_force"],
+    )
+    np.testing.assert_allclose(
+        deviation * force / axial, found.contact_force, rtol=1e-9
+    )  # as the reference says
     by_hand = found.contact_force * rows["penetration_depth"] / (1.5 * force)
-    firm = force > 3.0 * found.contact_force  # by less an upper bound counts, or inertia and damping do
+    firm = (
+        force > 3.0 * found.contact_force
+    )  # by less an upper bound counts, or inertia and damping do
     np.testing.assert_allclose(by_hand[firm], found.penetration_depth[firm], rtol=0.15)
 
 
@@ -118,23 +161,37 @@ def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None
     """A foot that bears nothing throughout is no walk, from 3 s on; a ground that pulls is none at once."""
     loads, contact = tmp_path / "loads.mcap", tmp_path / "contact.mcap"
     for force, begins in ((0.0, 3 * 10**9), (-400.0, -1)):
-        pulls = (ground(stamp)._replace(stamp=stamp, force=(0.0, force, 0.0)) for stamp in range(0, 10**10, 5 * MS))
+        pulls = (
+            ground(stamp)._replace(stamp=stamp, force=(0.0, force, 0.0))
+            for stamp in range(0, 10**10, 5 * MS)
+        )
         messages = [
-            message._replace(data=encode_wrench_stamped(next(pulls))) if message.topic == FORCE else message
+            message._replace(data=encode_wrench_stamped(next(pulls)))
+            if message.topic == FORCE
+            else message
             for message in walk(700)
         ]
         summary = estimate(walking_bag(tmp_path / "still.mcap", messages), loads, overwrite=True)
         flagged = [stamp > begins for stamp in summary.stamps.tolist()]
         assert any(flagged)
-        assert summary.flagged[Status.DOUBTFUL_LOAD.name if force == 0.0 else Status.IMPLAUSIBLE.name] == sum(flagged)
+        assert summary.flagged[
+            Status.DOUBTFUL_LOAD.name if force == 0.0 else Status.IMPLAUSIBLE.name
+        ] == sum(flagged)
         assert solve(loads, load_parameters({}), contact, overwrite=True).ticks == 700
         rows = read_answers(contact, "/knee_contact")
         assert ((rows["status"] & Status.DOUBTFUL_LOAD) != 0).tolist() == flagged
         stream, one_by_one = ContactStream(load_parameters({}), compiled=False), []
         for message in raw(loads, {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]}):
             take = stream.joint_state if message.topic == ANGLES else stream.force
-            one_by_one += [r[2] for answer in take(message.data) for r in answer.records if r[0] == KNEE_CONTACT]
-        assert one_by_one == [m.data for m in raw(contact, {"/knee_contact": "knee_contact_ros/msg/KneeContact"})]
+            one_by_one += [
+                r[2]
+                for answer in take(message.data)
+                for r in answer.records
+                if r[0] == KNEE_CONTACT
+            ]
+        assert one_by_one == [
+            m.data for m in raw(contact, {"/knee_contact": "knee_contact_ros/msg/KneeContact"})
+        ]
         (tmp_path / "still.mcap").unlink()
 
 
@@ -143,26 +200,37 @@ def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None
     pipeline, folder = LoadStream(load_parameters({}, LoadParameters)), tmp_path / "parts"
     record = provenance_record(load_parameters({}, LoadParameters))
     with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
-        writer = AnswerWriter(bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE)
+        writer = AnswerWriter(
+            bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE
+        )
         for message in WALK:
-            for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
+            for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(
+                message.data
+            ):
                 writer.write(answer.records)
         writer.finish(pipeline.ending())
     assert len(list(folder.glob("*.mcap"))) == 3
     assert read_provenance(folder) is None
     assert main(["solve", str(folder), "--output", str(tmp_path / "contact.mcap")]) == 0
-    assert len(raw(tmp_path / "contact.mcap", {"/knee_contact": MESSAGE_TYPES["knee_contact"]})) == 240
+    assert (
+        len(raw(tmp_path / "contact.mcap", {"/knee_contact": MESSAGE_TYPES["knee_contact"]}))
+        == 240
+    )
     assert len(raw(folder)) == 960
     estimate(folder, tmp_path / "again.mcap", {})
     assert raw(tmp_path / "again.mcap") == raw(folder)
 
 
-def test_the_frontal_moment_splits_the_load_where_it_is_known(walking: Path, estimated: Path, tmp_path: Path) -> None:
+def test_the_frontal_moment_splits_the_load_where_it_is_known(
+    walking: Path, estimated: Path, tmp_path: Path
+) -> None:
     by_moment = load_parameters({"load.compartment": "moment_balance"})
     assert solve(estimated, by_moment, None).ticks == 240
     insole = tmp_path / "insole.mcap"
     estimate(walking, insole, {})
-    with pytest.raises(UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"):
+    with pytest.raises(
+        UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"
+    ):
         solve(insole, by_moment, None)
 
 
@@ -173,9 +241,23 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be(
     long = walking_bag(tmp_path / "long.mcap", walk(3000, MS))
     cut.write_bytes(long.read_bytes()[: 2 * long.stat().st_size // 3])
     output = tmp_path / "out.mcap"
-    assert main(["estimate-load", str(cut), "--params", "load/inverse_dynamics", "--output", str(output)]) == 1
+    assert (
+        main(
+            [
+                "estimate-load",
+                str(cut),
+                "--params",
+                "load/inverse_dynamics",
+                "--output",
+                str(output),
+            ]
+        )
+        == 1
+    )
     said = capsys.readouterr()
-    assert said.err.splitlines()[-1].startswith(f"knee-contact: bag {cut} is damaged, and read as far as it can be: ")
+    assert said.err.splitlines()[-1].startswith(
+        f"knee-contact: bag {cut} is damaged, and read as far as it can be: "
+    )
     assert f"Bag: {output}" in said.out
     assert metadata(output)[SOURCE_DAMAGE]["source"] == "cut.mcap"
     whole, part = estimate(long, None), raw(output, {REACTION: TYPES[REACTION]})

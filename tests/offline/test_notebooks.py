@@ -30,11 +30,12 @@ WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "nothing": ([], {}),
     "a name": (["--params", "osteoarthritis.yaml"], {"params": "osteoarthritis"}),
     "names": (
-        ["--params", "osteoarthritis", "--params", "mri_femur"], {"params": ["osteoarthritis", "mri_femur.yaml"]}
+        ["--params", "osteoarthritis", "--params", "mri_femur"],
+        {"params": ["osteoarthritis", "mri_femur.yaml"]},
     ),
     "a value": (["-p", "contact.damping:=0.0"], {"values": {"contact.damping": 0.0}}),
     "a nested value": (["-p", "femur.mass:=8.0"], {"values": {"femur": {"mass": 8.0}}}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -42,7 +43,9 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     arguments, asked = WAYS[way]
     assert main(["solve", str(right_bag), *arguments, "--output", str(tmp_path / "out.mcap")]) == 0
     (tmp_path / "ours").mkdir()
-    results = knee_contact_ros.solve(right_bag, output=tmp_path / "ours" / "out.mcap", **asked, compiled=True)
+    results = knee_contact_ros.solve(
+        right_bag, output=tmp_path / "ours" / "out.mcap", **asked, compiled=True
+    )
     assert isinstance(results, Results)
     assert told(results) == told(read_answers(tmp_path / "out.mcap"))
     assert (tmp_path / "ours" / "out.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
@@ -52,23 +55,33 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     )  # by the parameters in it
 
 
-def test_a_subject_brings_its_bag_and_gives_way_to_parameters(right_bag: Path, tmp_path: Path) -> None:
+def test_a_subject_brings_its_bag_and_gives_way_to_parameters(
+    right_bag: Path, tmp_path: Path
+) -> None:
     subject = tmp_path / "anna.yaml"
-    subject.write_text(f"mass: 61.0\nthickness: 0.0007\nparameters: [osteoarthritis]\nbag: {right_bag}")
+    subject.write_text(
+        f"mass: 61.0\nthickness: 0.0007\nparameters: [osteoarthritis]\nbag: {right_bag}"
+    )
     own = knee_contact_ros.solve(subject=subject)
     assert own.cartilage_depth.max() == pytest.approx(0.7e-3, abs=1e-9)
     other = knee_contact_ros.solve(right_bag, {"contact.layer_depth": 0.4e-3}, subject=subject)
     assert other.cartilage_depth.max() == pytest.approx(0.4e-3, abs=1e-9)
     last = knee_contact_ros.solve(
-        params={"contact.layer_depth": 0.4e-3}, values={"contact.layer_depth": 0.3e-3}, subject=subject
+        params={"contact.layer_depth": 0.4e-3},
+        values={"contact.layer_depth": 0.3e-3},
+        subject=subject,
     )
     assert last.cartilage_depth.max() == pytest.approx(0.3e-3, abs=1e-9)
 
 
-def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(right_bag: Path, tmp_path: Path) -> None:
+def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(
+    right_bag: Path, tmp_path: Path
+) -> None:
     knee_contact_ros.solve(right_bag, "osteoarthritis", output=tmp_path / "first.mcap")
     again = knee_contact_ros.solve(tmp_path / "first.mcap", values={"contact.layer_depth": 0.4e-3})
-    assert told(again) == told(knee_contact_ros.solve(right_bag, ["osteoarthritis", {"contact.layer_depth": 0.4e-3}]))
+    assert told(again) == told(
+        knee_contact_ros.solve(right_bag, ["osteoarthritis", {"contact.layer_depth": 0.4e-3}])
+    )
     healthy = knee_contact_ros.solve(tmp_path / "first.mcap", "healthy")
     assert told(healthy) == told(knee_contact_ros.solve(right_bag))
 
@@ -85,7 +98,9 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
     knee_contact_ros.solve(right_bag, output=output, overwrite=True)
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(output.read_bytes()[:50_000])
-    with pytest.warns(UserWarning, match=r"bag .*cut\.mcap is damaged, and solved as far as it can be read"):
+    with pytest.warns(
+        UserWarning, match=r"bag .*cut\.mcap is damaged, and solved as far as it can be read"
+    ):
         assert 0 < len(knee_contact_ros.solve(cut, "healthy")) < 387
     with pytest.warns(UserWarning, match="^387 of 387 ticks") as doubts:
         knee_contact_ros.solve(right_bag, {"contact.stiffness": 2500.0})
@@ -98,16 +113,26 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"values": ["contact.damping"]}, r"values: \['contact.damping'\] is not allowed; a mapping, as {'contact."),
+        (
+            {"values": ["contact.damping"]},
+            r"values: \['contact.damping'\] is not allowed; a mapping, as {'contact.",
+        ),
         ({"remap": "a:=b"}, "remap: 'a:=b' is not allowed; a mapping, as {'joint_states':"),
         ({"remap": {"joint": "/x"}}, r"^remap=\{'joint': '/x'\}: FROM must be joint_states or"),
         ({"params": ""}, "parameters: '' is not allowed; a parameter file's name"),
         ({"params": "osteoarthrits"}, r"\(healthy, .*\); did you mean osteoarthritis\?"),
-        ({"output": "there.mcap"}, "there.mcap exists already; choose another name, or overwrite=True$"),
+        (
+            {"output": "there.mcap"},
+            "there.mcap exists already; choose another name, or overwrite=True$",
+        ),
     ],
 )
 def test_what_is_wrong_is_told_in_pythons_words(
-    given: dict[str, Any], told: str, right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    given: dict[str, Any],
+    told: str,
+    right_bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("there.mcap").touch()
@@ -125,7 +150,9 @@ def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
         None,
         keep=lambda stream: each_told.append((stream.sensed.stamp, *stream.estimate)),
     )
-    found = knee_contact_ros.estimate_load(bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap")
+    found = knee_contact_ros.estimate_load(
+        bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap"
+    )
     assert found.dtype == ESTIMATE
     assert found.tobytes() == np.array(each_told, ESTIMATE).tobytes()
     assert len(knee_contact_ros.solve(tmp_path / "out.mcap")) == len(found)

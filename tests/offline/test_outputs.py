@@ -24,7 +24,9 @@ from tests.offline.test_solve import make_bag
 WALK = walk()
 
 
-def computed(way: str, bag: Path, output: Path, values: dict[str, Any] | None = None, **how: Any) -> object:
+def computed(
+    way: str, bag: Path, output: Path, values: dict[str, Any] | None = None, **how: Any
+) -> object:
     if way == "solve":
         return solve(bag, load_parameters(values or {}), output, **how)
     return estimate_load(bag, load_parameters(values or {}, LoadParameters), output, **how)
@@ -73,8 +75,13 @@ def only(topic: str) -> list[RawMessage]:
 
 
 def elbow() -> list[RawMessage]:
-    states = [JointState(m.log_time, "", ("elbow", "hip"), (0.1, 0.2), (), ()) for m in only(ANGLES)]
-    return [*[RawMessage(ANGLES, each.stamp, encode_joint_state(each)) for each in states], *only(FORCE)]
+    states = [
+        JointState(m.log_time, "", ("elbow", "hip"), (0.1, 0.2), (), ()) for m in only(ANGLES)
+    ]
+    return [
+        *[RawMessage(ANGLES, each.stamp, encode_joint_state(each)) for each in states],
+        *only(FORCE),
+    ]
 
 
 def empty(folder: Path, topic: str) -> Path:
@@ -109,28 +116,52 @@ UNUSABLE: dict[str, list[tuple[Make, dict[str, Any], str]]] = {
         (rows(), {}, "no messages"),
         (partial(empty, topic="/imu"), {}, r"no topic /joint_states .* its topics: /imu"),
         (partial(empty, topic="/joint_states"), {}, "must be a sensor_msgs/msg/JointState"),
-        (rows((0, 0.1, 1.0)), {"femur.geometry": "profile", "femur.profile": "no.csv"}, r"cannot read no\.csv"),
-        *((partial(written, content=content), {}, r"broken\.mcap") for content in
-          (b"", b"not a bag", b"\x89MCAP0\r\n" + b"\x00" * 64)),
+        (
+            rows((0, 0.1, 1.0)),
+            {"femur.geometry": "profile", "femur.profile": "no.csv"},
+            r"cannot read no\.csv",
+        ),
+        *(
+            (partial(written, content=content), {}, r"broken\.mcap")
+            for content in (b"", b"not a bag", b"\x89MCAP0\r\n" + b"\x00" * 64)
+        ),
     ],
     "estimate_load": [
         (MISSING, {}, "no bag at"),
         (leg([]), {}, "topic /joint_states has no messages"),
         (leg(only(ANGLES)), {}, "topic /ground_reaction_force has no messages"),
-        (leg(elbow()), {}, r"joint_states has no joint 'knee'; it has elbow, hip \(parameter knee\.joint_name\)$"),
-        (leg(WALK), {"hip.joint_name": "hips"}, r"no joint 'hips'; it has hip, knee, ankle \(parameter hip\.joint_na"),
-        (leg(WALK), {"knee.assisted": True},
-         r"could be estimated \(240 x joint_missing, 240 x no_angle_before; .* gives no effort for joint 'knee'\)$"),
-        (leg(WALK), {"frame.ground": "lab"},
-         r"\(240 x frame_unknown; .* 'plate', and no static transform leads to 'lab'\)$"),
-        (leg([*only(ANGLES)[100:], *only(FORCE)[:50]]), {},
-         r"no joint reaction could be estimated \(50 x no_angle_before\)$"),
+        (
+            leg(elbow()),
+            {},
+            r"joint_states has no joint 'knee'; it has elbow, hip \(parameter knee\.joint_name\)$",
+        ),
+        (
+            leg(WALK),
+            {"hip.joint_name": "hips"},
+            r"no joint 'hips'; it has hip, knee, ankle \(parameter hip\.joint_na",
+        ),
+        (
+            leg(WALK),
+            {"knee.assisted": True},
+            r"could be estimated \(240 x joint_missing, 240 x no_angle_before; .* gives no effort for joint 'knee'\)$",
+        ),
+        (
+            leg(WALK),
+            {"frame.ground": "lab"},
+            r"\(240 x frame_unknown; .* 'plate', and no static transform leads to 'lab'\)$",
+        ),
+        (
+            leg([*only(ANGLES)[100:], *only(FORCE)[:50]]),
+            {},
+            r"no joint reaction could be estimated \(50 x no_angle_before\)$",
+        ),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
-    ("way", "make", "values", "words"), [(way, *case) for way, cases in UNUSABLE.items() for case in cases]
+    ("way", "make", "values", "words"),
+    [(way, *case) for way, cases in UNUSABLE.items() for case in cases],
 )
 def test_bags_that_cannot_be_used_leave_nothing_behind(
     way: str, make: Make, values: dict[str, Any], words: str, tmp_path: Path

@@ -15,7 +15,12 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 
@@ -26,7 +31,9 @@ def silent(_done: int, _total: int) -> None:
     """No progress bar."""
 
 
-def make_bag(path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None) -> Path:
+def make_bag(
+    path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None
+) -> Path:
     """A bag of (stamp [ns], angle [rad], axial force [N]) and, as a second joint, femoral heights [m]."""
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
@@ -73,22 +80,31 @@ def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
     bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
     parameters = load_parameters({"drive": "displacement", "contact.law": "two_layer_elastic"})
     assert solve(bag, parameters, tmp_path / "out.mcap").ticks == 20
-    answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    answers = [
+        m.message
+        for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})
+    ]
     assert [answer.femoral_height for answer in answers] == heights.tolist()
     law = knee_contact_ros.load_model(parameters).law
     expected = [law.static_force(0.034 - height) for height in heights]
-    assert [answer.contact_force for answer in answers] == pytest.approx(expected, rel=1e-15)  # the same formula
+    assert [answer.contact_force for answer in answers] == pytest.approx(
+        expected, rel=1e-15
+    )  # the same formula
     assert {answer.load for answer in answers} == {400.0}
     with pytest.raises(UsageError, match="no joint 'knee_height'; it has knee"):
         solve(make_bag(tmp_path / "without.mcap", rows), parameters, tmp_path / "o" / "out.mcap")
 
 
-def test_on_a_curved_tibia_the_wrench_leans_with_the_normal(config: Path, right_bag: Path, tmp_path: Path) -> None:
+def test_on_a_curved_tibia_the_wrench_leans_with_the_normal(
+    config: Path, right_bag: Path, tmp_path: Path
+) -> None:
     paths = [config / "healthy.yaml", config / "mri_knee.yaml"]
     solve(right_bag, load_parameters(paths), tmp_path / "out.mcap")
     model = knee_contact_ros.load_model(paths)
     messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
-    contacts, wrenches = ([m.message for m in messages if m.topic == topic] for topic in list(OUTPUTS)[-2:])
+    contacts, wrenches = (
+        [m.message for m in messages if m.topic == topic] for topic in list(OUTPUTS)[-2:]
+    )
     for contact, wrench in zip(contacts, wrenches, strict=True):
         force, point = wrench.wrench.force, contact.contact_point
         closest = model.closest(contact.flexion_angle, contact.femoral_height)
@@ -96,7 +112,9 @@ def test_on_a_curved_tibia_the_wrench_leans_with_the_normal(config: Path, right_
         assert force.x == pytest.approx(-contact.contact_force * closest.normal_x, rel=1e-14)
         assert force.y == pytest.approx(-contact.contact_force * closest.normal_y, rel=1e-14)
         assert np.hypot(force.x, force.y) == pytest.approx(contact.contact_force, rel=1e-14)
-        assert wrench.wrench.torque.z == pytest.approx(point.x * force.y - point.y * force.x, abs=1e-12)
+        assert wrench.wrench.torque.z == pytest.approx(
+            point.x * force.y - point.y * force.x, abs=1e-12
+        )
     assert max(abs(wrench.wrench.force.x) for wrench in wrenches) > 100.0
     assert max(abs(contact.contact_point.y) for contact in contacts) > 1e-3
 
@@ -109,5 +127,8 @@ def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Pat
     assert summary.ticks == 19
     assert summary.refused == {"not_finite": 1}
     assert read_summary(tmp_path / "o" / "out.mcap", 737.068).refused == {"not_finite": 1}
-    answers = [m.message for m in read_bag(tmp_path / "o" / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
+    answers = [
+        m.message
+        for m in read_bag(tmp_path / "o" / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})
+    ]
     assert [a.status for a in answers] == [0] * 7 + [Status.INPUT_REJECTED] + [0] * 11

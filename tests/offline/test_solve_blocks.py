@@ -31,9 +31,15 @@ MILLISECOND = 1_000_000
 Message = tuple[str, int, bytes]
 
 
-def angle(stamp: int, value: float, names: tuple[str, ...] = ("hip", "knee"), frame: str = "") -> Message:
+def angle(
+    stamp: int, value: float, names: tuple[str, ...] = ("hip", "knee"), frame: str = ""
+) -> Message:
     positions = tuple(value if name == "knee" else 0.5 for name in names)
-    return "/joint_states", stamp, encode_joint_state(JointState(stamp, frame, names, positions, positions, ()))
+    return (
+        "/joint_states",
+        stamp,
+        encode_joint_state(JointState(stamp, frame, names, positions, positions, ())),
+    )
 
 
 def force(stamp: int, axial: float, frame: str = "tibia_r") -> Message:
@@ -47,7 +53,9 @@ def gait(ticks: int, every: int = 1, begin: int = 0) -> list[Message]:
     for i in range(begin, begin + ticks):
         stamp = i * MILLISECOND
         if i % every == 0:
-            rows.append(angle(stamp - (MILLISECOND // 2 if every > 1 else 0), 0.3 + 0.2 * np.sin(0.02 * i)))
+            rows.append(
+                angle(stamp - (MILLISECOND // 2 if every > 1 else 0), 0.3 + 0.2 * np.sin(0.02 * i))
+            )
         rows.append(force(stamp, 800.0 + 700.0 * np.sin(0.05 * i)))
     return [row for row in rows if row[1] >= 0]
 
@@ -70,7 +78,9 @@ def outcome(bag: Path, parameters: Parameters, output: Path) -> Summary | str:
         return str(error)
 
 
-def taken_at_once(folder: Path, messages: list[Message], parameters: Parameters, block: int) -> int:
+def taken_at_once(
+    folder: Path, messages: list[Message], parameters: Parameters, block: int
+) -> int:
     """How many blocks were taken at once; the outcome is the same as one by one, and so is the file."""
     bag, taken = write(folder / "bag.mcap", messages), []
     at_once = Run._take_at_once
@@ -86,7 +96,11 @@ def taken_at_once(folder: Path, messages: list[Message], parameters: Parameters,
         patch.setattr(Run, "_take_at_once", lambda _run, _rows: False)
         other = outcome(bag, parameters, folder / "single" / "out.mcap")
     assert first == other
-    files = [path.read_bytes() for way in ("blocks", "single") if (path := folder / way / "out.mcap").exists()]
+    files = [
+        path.read_bytes()
+        for way in ("blocks", "single")
+        if (path := folder / way / "out.mcap").exists()
+    ]
     assert len(files) == 2 * isinstance(first, Summary)
     assert len(set(files)) <= 1
     return sum(taken)
@@ -115,7 +129,11 @@ def test_ordinary_bags_go_by_the_block(tmp_path: Path, name: str, every: int) ->
 def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that_does_not(
     tmp_path: Path, delay: int
 ) -> None:
-    prompt, late, rows = gait(400, 5, begin=1000), list[Message](), [list[Sequence[Rows]](), list[Sequence[Rows]]()]
+    prompt, late, rows = (
+        gait(400, 5, begin=1000),
+        list[Message](),
+        [list[Sequence[Rows]](), list[Sequence[Rows]]()],
+    )
     for topic, stamp, data in prompt:
         found = JOINT_STATE.decode(data) if topic == "/joint_states" else None
         late.append(
@@ -128,8 +146,14 @@ def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that
         bag, output = write(tmp_path / "bag.mcap", messages), tmp_path / "out.mcap"
         parameters = load_parameters({"pairing.angle_delay": seconds})
         summary = solve(bag, parameters, output, overwrite=True, keep=kept.append)
-        assert (summary.ticks, summary.refused.total(), summary.flagged["STALE_INPUT"]) == (400, 0, 0)
-        with BagReader(output, INPUT_TYPES) as recorded:  # as they came, under the stamps they came with
+        assert (summary.ticks, summary.refused.total(), summary.flagged["STALE_INPUT"]) == (
+            400,
+            0,
+            0,
+        )
+        with BagReader(
+            output, INPUT_TYPES
+        ) as recorded:  # as they came, under the stamps they came with
             assert [(m.topic, m.log_time, m.data) for m in recorded.raw_messages()] == messages
     first, other = (b"".join(kept.tobytes() for (kept,) in answers) for answers in rows)
     assert first == other
@@ -138,8 +162,13 @@ def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that
 def test_prescribed_heights(tmp_path: Path) -> None:
     names, rows = ("knee_height", "knee"), []
     for i in range(300):
-        state = JointState(i * MILLISECOND, "", names, (0.0335 + 1e-4 * np.sin(0.1 * i), 0.3), (), ())
-        rows += [("/joint_states", state.stamp, encode_joint_state(state)), force(state.stamp, 500.0)]
+        state = JointState(
+            i * MILLISECOND, "", names, (0.0335 + 1e-4 * np.sin(0.1 * i), 0.3), (), ()
+        )
+        rows += [
+            ("/joint_states", state.stamp, encode_joint_state(state)),
+            force(state.stamp, 500.0),
+        ]
     assert taken_at_once(tmp_path, rows, load_parameters({"drive": "displacement"}), 100) == 6
 
 
@@ -147,7 +176,9 @@ def test_leftovers_of_memory_between_the_fields_are_no_content(tmp_path: Path) -
     """ROS's own serialiser leaves them, and surplus bytes at the end."""
     rows, random = [], np.random.default_rng(5)
     for topic, stamp, data in gait(200):
-        at = data.find(b"knee\0") + 5  # behind it come 3 bytes of padding, then the number of positions
+        at = (
+            data.find(b"knee\0") + 5
+        )  # behind it come 3 bytes of padding, then the number of positions
         with_leftovers = data[:at] + random.bytes(3) + data[at + 3 :] + random.bytes(4)
         rows.append((topic, stamp, with_leftovers if topic == "/joint_states" else data))
     assert taken_at_once(tmp_path, rows, load_parameters({}), 100) == 4
@@ -178,7 +209,9 @@ MANY_ROWS: dict[str, Callable[[list[Message], int], list[Message]]] = {
     "time jumps back": lambda rows, at: rows[:at] + gait(len(rows) // 3),
     "gap": lambda rows, at: rows[:at] + gait(20, begin=5000),
     "lost": lambda rows, at: rows[:at] + rows[at + 3 :],
-    "a stream ends": lambda rows, at: rows[: at + 9] + [row for row in rows[at + 9 :] if row[0] != rows[at][0]],
+    "a stream ends": lambda rows, at: (
+        rows[: at + 9] + [row for row in rows[at + 9 :] if row[0] != rows[at][0]]
+    ),
 }
 """What may become of all from there on"""
 
@@ -190,9 +223,13 @@ def broken(kind: str, rows: list[Message], at: int) -> list[Message]:
     return [*rows[:at], ONE_ROW[kind](*rows[at]), *rows[at + 1 :]]
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
-    st.lists(st.tuples(st.sampled_from([*ONE_ROW, *MANY_ROWS]), st.floats(0.0, 0.999)), max_size=4),
+    st.lists(
+        st.tuples(st.sampled_from([*ONE_ROW, *MANY_ROWS]), st.floats(0.0, 0.999)), max_size=4
+    ),
     st.sampled_from([1, 3, 10]),
     st.sampled_from([5, 16, 50]),
     st.sampled_from(list(PARAMETERS)),

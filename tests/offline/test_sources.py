@@ -32,10 +32,12 @@ STATE = (
     "std_msgs/Header header\nuint16 mode\nexo_msgs/Joint[] joints\nfloat64[3] force\ntime_or_not stamp_of_sensor\n"
 ).replace("time_or_not", "builtin_interfaces/Time")
 VALUE = "control_msgs/msg/InterfaceValue"
-OWN = {VALUE: "string[] interface_names\nfloat64[] values\n",
-       DYNAMIC_JOINT_STATE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
-       "exo_msgs/msg/State": STATE,
-       "exo_msgs/msg/Joint": "string name\nfloat32 angle_deg\nfloat64 angle\n"}  # fmt: skip
+OWN = {
+    VALUE: "string[] interface_names\nfloat64[] values\n",
+    DYNAMIC_JOINT_STATE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
+    "exo_msgs/msg/State": STATE,
+    "exo_msgs/msg/Joint": "string name\nfloat32 angle_deg\nfloat64 angle\n",
+}
 """Definitions that no package here has"""
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for name, text in OWN.items():
@@ -50,7 +52,9 @@ def message(kind: str, *values: Any) -> Any:
 
 
 def head(stamp: int, frame: str = "") -> Any:
-    return message("std_msgs/msg/Header", message("builtin_interfaces/msg/Time", *divmod(stamp, 10**9)), frame)
+    return message(
+        "std_msgs/msg/Header", message("builtin_interfaces/msg/Time", *divmod(stamp, 10**9)), frame
+    )
 
 
 def vector(x: float, y: float, z: float) -> Any:
@@ -70,7 +74,9 @@ def wrench(stamp: int, x: float, y: float, z: float) -> Any:
 
 
 def state(stamp: int, angle: float, load: float) -> Any:
-    joints = [message("exo_msgs/msg/Joint", f"j{n}", 0.0, value) for n, value in enumerate((9.0, -angle))]
+    joints = [
+        message("exo_msgs/msg/Joint", f"j{n}", 0.0, value) for n, value in enumerate((9.0, -angle))
+    ]
     force = np.array([0.0, -load, 0.0])
     return message("exo_msgs/msg/State", head(stamp), 3, joints, force, head(stamp).stamp)
 
@@ -78,7 +84,9 @@ def state(stamp: int, angle: float, load: float) -> Any:
 def dynamic(stamp: int, angle: float, _load: float, interface: str = "position") -> Any:
     """As a joint state broadcaster writes it: a joint without a position before, and efforts beside positions."""
     values = [message(VALUE, ["effort"], np.array([3.0]))]
-    values += [message(VALUE, ["velocity", interface], np.array([np.nan, at])) for at in (9.9, angle)]
+    values += [
+        message(VALUE, ["velocity", interface], np.array([np.nan, at])) for at in (9.9, angle)
+    ]
     return message(DYNAMIC_JOINT_STATE, head(stamp), ["motor", "hip", "knee"], values)
 
 
@@ -100,7 +108,9 @@ def bag_of(path: Path, topics: Mapping[str, tuple[str, Make]], order: slice = sl
     for topic, (kind, _) in topics.items():
         definition = STORE.generate_msgdef(kind, ros_version=2)[0].encode()
         schema = mcap.writer.register_schema(name=kind, encoding="ros2msg", data=definition)
-        channels[topic] = mcap.writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+        channels[topic] = mcap.writer.register_channel(
+            topic=topic, message_encoding="cdr", schema_id=schema
+        )
     for stamp, angle, load in list(zip(STAMPS, ANGLES, KILONEWTONS, strict=True))[order]:
         for topic, (kind, make) in topics.items():
             data = bytes(STORE.serialize_cdr(make(stamp, angle, 1e3 * load), kind))
@@ -108,8 +118,14 @@ def bag_of(path: Path, topics: Mapping[str, tuple[str, Make]], order: slice = sl
     return mcap.close()
 
 
-ANGLE = ("/joint_states", ("sensor_msgs/msg/JointState", joint_state(["knee"], lambda angle: [angle])))
-FORCE = ("/joint_reaction_force", ("geometry_msgs/msg/WrenchStamped", lambda t, _, load: wrench(t, 0.0, -load, 0.0)))
+ANGLE = (
+    "/joint_states",
+    ("sensor_msgs/msg/JointState", joint_state(["knee"], lambda angle: [angle])),
+)
+FORCE = (
+    "/joint_reaction_force",
+    ("geometry_msgs/msg/WrenchStamped", lambda t, _, load: wrench(t, 0.0, -load, 0.0)),
+)
 
 
 def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
@@ -121,48 +137,85 @@ def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
 def plain(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     """Answers to the usual messages."""
     folder = tmp_path_factory.mktemp("plain")
-    solve(bag_of(folder / "bag.mcap", dict([ANGLE, FORCE])), load_parameters({}), folder / "out.mcap")
+    solve(
+        bag_of(folder / "bag.mcap", dict([ANGLE, FORCE])), load_parameters({}), folder / "out.mcap"
+    )
     return answers(folder / "out.mcap")
 
 
 FLOAT = "std_msgs/msg/Float64"
 CASES: dict[str, tuple[str, str, dict[str, tuple[str, Make]]]] = {
     "a vector's axis": (
-        "joint_states", "/right_grf: geometry_msgs/Vector3Stamped: vector.z",
-        dict([ANGLE, ("/right_grf", ("geometry_msgs/msg/Vector3Stamped",
-                                     lambda t, _, load: message("geometry_msgs/msg/Vector3Stamped", head(t),
-                                                                vector(5.0, 6.0, load))))]),
+        "joint_states",
+        "/right_grf: geometry_msgs/Vector3Stamped: vector.z",
+        dict(
+            [
+                ANGLE,
+                (
+                    "/right_grf",
+                    (
+                        "geometry_msgs/msg/Vector3Stamped",
+                        lambda t, _, load: message(
+                            "geometry_msgs/msg/Vector3Stamped", head(t), vector(5.0, 6.0, load)
+                        ),
+                    ),
+                ),
+            ]
+        ),
     ),
     "three axes, each with its sign": (
-        "joint_states", "/ft/wrench geometry_msgs/WrenchStamped wrench.force.x, -wrench.force.z, wrench.force.y",
+        "joint_states",
+        "/ft/wrench geometry_msgs/WrenchStamped wrench.force.x, -wrench.force.z, wrench.force.y",
         dict([ANGLE, ("/ft/wrench", (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, 0.0, load)))]),
     ),
     "both in one message of a type that only the bag defines": (
-        "/state exo_msgs/State -joints[1].angle rad", "/state exo_msgs/State force[1] -1",
+        "/state exo_msgs/State -joints[1].angle rad",
+        "/state exo_msgs/State force[1] -1",
         {"/state": ("exo_msgs/msg/State", state)},
     ),
     "a number without a stamp": (
-        "/angle std_msgs/Float64 data on arrival", "joint_reaction_force",
+        "/angle std_msgs/Float64 data on arrival",
+        "joint_reaction_force",
         dict([("/angle", (FLOAT, lambda _, angle, __: message(FLOAT, angle))), FORCE]),
     ),
     "joint states whose stamps are 0": (
-        "/harmony/joint_states on arrival", "/joint_reaction_force",
-        dict([("/harmony/joint_states", (ANGLE[1][0], lambda t, *rest: ANGLE[1][1](0, *rest))), FORCE]),
+        "/harmony/joint_states on arrival",
+        "/joint_reaction_force",
+        dict(
+            [
+                ("/harmony/joint_states", (ANGLE[1][0], lambda t, *rest: ANGLE[1][1](0, *rest))),
+                FORCE,
+            ]
+        ),
     ),
     "joint states of ros2_control": (
-        "dynamic_joint_states", "joint_reaction_force",
+        "dynamic_joint_states",
+        "joint_reaction_force",
         dict([("/dynamic_joint_states", (DYNAMIC_JOINT_STATE, dynamic)), FORCE]),
     ),
     "a body with an id": (
-        "/humans/bodies/*/joint_states", "joint_reaction_force",
-        dict([("/humans/bodies/ab12/joint_states",
-               (ANGLE[1][0], joint_state(["l_knee_ab12", "r_knee_ab12"], lambda angle: [9.0, angle]))), FORCE]),
+        "/humans/bodies/*/joint_states",
+        "joint_reaction_force",
+        dict(
+            [
+                (
+                    "/humans/bodies/ab12/joint_states",
+                    (
+                        ANGLE[1][0],
+                        joint_state(["l_knee_ab12", "r_knee_ab12"], lambda angle: [9.0, angle]),
+                    ),
+                ),
+                FORCE,
+            ]
+        ),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_answers_are_those_of_the_usual_messages(case: str, plain: list[bytes], tmp_path: Path) -> None:
+def test_answers_are_those_of_the_usual_messages(
+    case: str, plain: list[bytes], tmp_path: Path
+) -> None:
     angles, forces, topics = CASES[case]
     joint = "r_knee_*" if "*" in angles else "knee"
     how = load_parameters({"knee.source": angles, "load.source": forces, "knee.joint_name": joint})
@@ -173,14 +226,21 @@ def test_answers_are_those_of_the_usual_messages(case: str, plain: list[bytes], 
     assert answers(tmp_path / "again.mcap") == plain
 
 
-def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_frame_none(tmp_path: Path) -> None:
+def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_frame_none(
+    tmp_path: Path,
+) -> None:
     """The sensor's y lies along the tibia's x, its z along y, its x along z: exact in floating point."""
     stamped = STORE.types["geometry_msgs/msg/TransformStamped"]
     pose = message(
-        "geometry_msgs/msg/Transform", vector(0.0, 0.0, 0.0), message("geometry_msgs/msg/Quaternion", *[0.5] * 4)
+        "geometry_msgs/msg/Transform",
+        vector(0.0, 0.0, 0.0),
+        message("geometry_msgs/msg/Quaternion", *[0.5] * 4),
     )
     lies: Make = lambda t, *_: message(TF_MESSAGE, [stamped(head(t, "tibia"), "sensor", pose)])  # noqa: E731
-    changed = in_frame("tibia", lambda down: (0.0, down, 0.0)), in_frame("x", lambda down: (0.0, down, 0.0))
+    changed = (
+        in_frame("tibia", lambda down: (0.0, down, 0.0)),
+        in_frame("x", lambda down: (0.0, down, 0.0)),
+    )
     made = {}
     for name, force, values in (
         ("tibia", changed[0], {}),
@@ -205,28 +265,77 @@ def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_fr
 @pytest.mark.parametrize(
     ("angles", "forces", "words"),
     [
-        ("/state exo_msgs/State joints[1].speed", "", r"exo_msgs/msg/Joint has no field 'speed'; it has name"),
-        ("/state exo_msgs/State joints[1].name", "", r"joints\[1\].name of exo_msgs/msg/State is not a number"),
+        (
+            "/state exo_msgs/State joints[1].speed",
+            "",
+            r"exo_msgs/msg/Joint has no field 'speed'; it has name",
+        ),
+        (
+            "/state exo_msgs/State joints[1].name",
+            "",
+            r"joints\[1\].name of exo_msgs/msg/State is not a number",
+        ),
         ("/state exo_msgs/State header[0]", "", r"\[0\] is not an element of a list"),
-        ("/state exo_msgs/State joints[7].angle", "", r"60 x field_missing.*joints\[7\].angle: there are 2 elements"),
-        ("/state exo_msgs/Other angle", "", r"topic /state is a exo_msgs/msg/State; it must be a exo_msgs/msg/Other"),
-        ("/number std_msgs/Float64 data", "", r"knee.source: std_msgs/msg/Float64 has no header with a stamp"),
-        ("/state exo_msgs/State mode N", "", r"knee.source: '/state .* unit 'N' is not allowed; allowed: rad, deg"),
-        ("/state exo_msgs/State mode, mode", "", r"knee.source: 2 fields are not allowed; knee.joint_name need 1"),
-        ("/state", "/state exo_msgs/State mode deg", r"load.source: .* unit 'deg' is not allowed; allowed: N, kN"),
+        (
+            "/state exo_msgs/State joints[7].angle",
+            "",
+            r"60 x field_missing.*joints\[7\].angle: there are 2 elements",
+        ),
+        (
+            "/state exo_msgs/Other angle",
+            "",
+            r"topic /state is a exo_msgs/msg/State; it must be a exo_msgs/msg/Other",
+        ),
+        (
+            "/number std_msgs/Float64 data",
+            "",
+            r"knee.source: std_msgs/msg/Float64 has no header with a stamp",
+        ),
+        (
+            "/state exo_msgs/State mode N",
+            "",
+            r"knee.source: '/state .* unit 'N' is not allowed; allowed: rad, deg",
+        ),
+        (
+            "/state exo_msgs/State mode, mode",
+            "",
+            r"knee.source: 2 fields are not allowed; knee.joint_name need 1",
+        ),
+        (
+            "/state",
+            "/state exo_msgs/State mode deg",
+            r"load.source: .* unit 'deg' is not allowed; allowed: N, kN",
+        ),
         ("/state", "/state exo_msgs/State mode, mode", r"load.source: 2 fields are not allowed"),
-        ("joint_reaction_force", "", r"knee.source: joint_reaction_force is also the topic of load.source"),
-        ("/nan std_msgs/Float64 data on arrival", "", r"60 x not_finite.*; /nan: position of joint .knee. is"),
-        ("/state exo_msgs.State mode", "", r"knee.source: .* is not allowed; allowed: TOPIC, or TOPIC TYPE FIELD"),
+        (
+            "joint_reaction_force",
+            "",
+            r"knee.source: joint_reaction_force is also the topic of load.source",
+        ),
+        (
+            "/nan std_msgs/Float64 data on arrival",
+            "",
+            r"60 x not_finite.*; /nan: position of joint .knee. is",
+        ),
+        (
+            "/state exo_msgs.State mode",
+            "",
+            r"knee.source: .* is not allowed; allowed: TOPIC, or TOPIC TYPE FIELD",
+        ),
     ],
-)  # fmt: skip
-def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, words: str, tmp_path: Path) -> None:
+)
+def test_what_cannot_be_read_is_told_at_the_start(
+    angles: str, forces: str, words: str, tmp_path: Path
+) -> None:
     values = {"/number": 0.1, "/nan": math.nan}
     numbers = {
         topic: ("std_msgs/msg/Float64", lambda *_, v=value: message("std_msgs/msg/Float64", v))
         for topic, value in values.items()
     }
-    bag = bag_of(tmp_path / "bag.mcap", {"/state": ("exo_msgs/msg/State", state), **numbers, **dict([FORCE])})
+    bag = bag_of(
+        tmp_path / "bag.mcap",
+        {"/state": ("exo_msgs/msg/State", state), **numbers, **dict([FORCE])},
+    )
     how = {"knee.source": angles, "load.source": forces or "joint_reaction_force"}
     with pytest.raises(UsageError, match=words):
         solve(bag, load_parameters(how), None)
@@ -235,37 +344,60 @@ def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, word
 def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: Path) -> None:
     for interface, source, words in (
         ("position", "joint_states", "-p knee.source:=dynamic_joint_states reads those"),
-        ("encoder", "dynamic_joint_states", "joint 'knee' has no interface position; it has velocity, encoder"),
+        (
+            "encoder",
+            "dynamic_joint_states",
+            "joint 'knee' has no interface position; it has velocity, encoder",
+        ),
     ):
         made = (DYNAMIC_JOINT_STATE, partial(dynamic, interface=interface))
-        bag = bag_of(tmp_path / f"{interface}.mcap", dict([("/dynamic_joint_states", made), FORCE]))
+        bag = bag_of(
+            tmp_path / f"{interface}.mcap", dict([("/dynamic_joint_states", made), FORCE])
+        )
         with pytest.raises(UsageError, match=words):
             solve(bag, load_parameters({"knee.source": source}), None)
 
 
 def test_forces_that_need_more_numbers_are_refused() -> None:
     one = {"load.source": "/f geometry_msgs/Vector3Stamped vector.z"}
-    with pytest.raises(UsageError, match=r"load.source: 1 fields are not allowed; moment_balance needs 6"):
+    with pytest.raises(
+        UsageError, match=r"load.source: 1 fields are not allowed; moment_balance needs 6"
+    ):
         load_parameters(one | {"load.compartment": "moment_balance"})
-    with pytest.raises(UsageError, match=r"load.source: 1 fields are not allowed; frame.tibia needs 3"):
+    with pytest.raises(
+        UsageError, match=r"load.source: 1 fields are not allowed; frame.tibia needs 3"
+    ):
         load_parameters(one | {"frame.tibia": "shank"})
-    with pytest.raises(UsageError, match=r"ground.source: 1 fields are not allowed; ground.components full needs 6"):
-        load_parameters({"ground.source": one["load.source"], "ground.components": "full"}, LoadParameters)
+    with pytest.raises(
+        UsageError,
+        match=r"ground.source: 1 fields are not allowed; ground.components full needs 6",
+    ):
+        load_parameters(
+            {"ground.source": one["load.source"], "ground.components": "full"}, LoadParameters
+        )
 
 
 def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> None:
     """Two bodies at once: the first is followed, and the other one refused, until it is gone for pairing.max_gap."""
     mcap = Mcap(tmp_path / "bag.mcap")
     kind = "sensor_msgs/msg/JointState"
-    bodies = {body: mcap.channel(f"/humans/bodies/{body}/joint_states", kind) for body in ("a", "b")}
+    bodies = {
+        body: mcap.channel(f"/humans/bodies/{body}/joint_states", kind) for body in ("a", "b")
+    }
     force = mcap.channel("/joint_reaction_force", "geometry_msgs/msg/WrenchStamped")
     for number in range(200):
         stamp = 10**9 + number * STEP
         for body, seen in (("a", number < 100), ("b", number >= 50)):
-            state = joint_state([f"r_knee_{body}"], lambda angle: [angle])(stamp, 0.1 if body == "a" else 0.2, 0.0)
+            state = joint_state([f"r_knee_{body}"], lambda angle: [angle])(
+                stamp, 0.1 if body == "a" else 0.2, 0.0
+            )
             if seen:
-                mcap.writer.add_message(bodies[body], stamp, bytes(STORE.serialize_cdr(state, kind)), stamp)
-        data = bytes(STORE.serialize_cdr(wrench(stamp, 0.0, -700.0, 0.0), "geometry_msgs/msg/WrenchStamped"))
+                mcap.writer.add_message(
+                    bodies[body], stamp, bytes(STORE.serialize_cdr(state, kind)), stamp
+                )
+        data = bytes(
+            STORE.serialize_cdr(wrench(stamp, 0.0, -700.0, 0.0), "geometry_msgs/msg/WrenchStamped")
+        )
         mcap.writer.add_message(force, stamp, data, stamp)
     how = load_parameters("rep155")
     kept: list[Any] = []

@@ -44,7 +44,10 @@ def gait(right_bag: Path) -> list[RawMessage]:
 def moved(message: RawMessage, by: int, log_by: int | None = None) -> RawMessage:
     """A message with another stamp, and another log time if that is not moved likewise."""
     seconds, nanoseconds = divmod(
-        int.from_bytes(message.data[4:8], "little") * 10**9 + int.from_bytes(message.data[8:12], "little") + by, 10**9
+        int.from_bytes(message.data[4:8], "little") * 10**9
+        + int.from_bytes(message.data[8:12], "little")
+        + by,
+        10**9,
     )
     stamp = seconds.to_bytes(4, "little", signed=True) + nanoseconds.to_bytes(4, "little")
     data = message.data[:4] + stamp + message.data[12:]
@@ -65,7 +68,9 @@ def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes
     parameters = load_parameters({})
     pipeline, answers = ContactStream(parameters, compiled=False), []
     for message in messages:
-        answers += (pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force)(message.data)
+        answers += (
+            pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
+        )(message.data)
     answers += pipeline.finish()
     if path:
         with BagWriter(path) as bag:
@@ -73,7 +78,9 @@ def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes
             for answer in answers:
                 writer.write(answer.records)
             writer.finish(pipeline.ending())
-    return [data for answer in answers for topic, _, data in answer.records if topic == KNEE_CONTACT]
+    return [
+        data for answer in answers for topic, _, data in answer.records if topic == KNEE_CONTACT
+    ]
 
 
 def split(folder: Path, parts: Sequence[Sequence[RawMessage]]) -> Path:
@@ -93,33 +100,47 @@ def solved(bag: Path, tmp_path: Path) -> list[bytes]:
 
 FORMS = {
     "file": lambda folder, messages: mcap(folder / "in.mcap", messages),
-    "sqlite3": lambda folder, messages: write_rosbag2(folder / "in", messages, StoragePlugin.SQLITE3),
+    "sqlite3": lambda folder, messages: write_rosbag2(
+        folder / "in", messages, StoragePlugin.SQLITE3
+    ),
     "split": lambda folder, messages: split(folder / "in", [messages[:MOMENT], messages[MOMENT:]]),
 }
 """Ways of writing messages in their order"""
 
 
 SET_BACK = [
-    ("", 7_000_000, 0), ("", 602_500_000, 1), ("", 10**12, 1), ("states", 700_000_000, 0), ("force", 700_000_000, 1)
-]  # fmt: skip
+    ("", 7_000_000, 0),
+    ("", 602_500_000, 1),
+    ("", 10**12, 1),
+    ("states", 700_000_000, 0),
+    ("force", 700_000_000, 1),
+]
 """Topic whose clock is set back, by how much [ns], and how many runs begin by that"""
 
 
 @pytest.mark.parametrize(
     ("form", "of", "back", "resets"),
-    [*((form, *back) for form in ("file", "recording") for back in SET_BACK),
-     *((form, *SET_BACK[1]) for form in ("sqlite3", "split"))],
-)  # fmt: skip
+    [
+        *((form, *back) for form in ("file", "recording") for back in SET_BACK),
+        *((form, *SET_BACK[1]) for form in ("sqlite3", "split")),
+    ],
+)
 def test_time_that_goes_back_makes_runs_of_their_own_as_live(
     gait: list[RawMessage], tmp_path: Path, form: str, of: str, back: int, resets: int
 ) -> None:
     """The clock of all topics, or of one, is set back: by a sample, within and beyond what was recorded."""
     later = [moved(message, 2 * 10**12) for message in gait]
-    messages = [moved(each, -back) if i >= MOMENT and of in each.topic else each for i, each in enumerate(later)]
+    messages = [
+        moved(each, -back) if i >= MOMENT and of in each.topic else each
+        for i, each in enumerate(later)
+    ]
     recording = tmp_path / "recording.mcap"
     expected = live(messages, recording)
     bag = recording if form == "recording" else FORMS[form](tmp_path, messages)
-    assert solved(bag, tmp_path) == expected or (form, resets) == ("recording", 0)  # it has no refused samples
+    assert solved(bag, tmp_path) == expected or (form, resets) == (
+        "recording",
+        0,
+    )  # it has no refused samples
     status = read_answers(tmp_path / "out.mcap")["status"]
     assert (len(status), np.count_nonzero(status & Status.TIME_RESET)) == (len(expected), resets)
 
@@ -128,9 +149,14 @@ def test_runs_of_a_recording_stay_in_their_order_also_in_the_pause_between_other
     gait: list[RawMessage], tmp_path: Path
 ) -> None:
     recording = tmp_path / "recording.mcap"
-    expected = live([moved(message, at * 10**9) for at in (0, 100, 50) for message in gait], recording)
+    expected = live(
+        [moved(message, at * 10**9) for at in (0, 100, 50) for message in gait], recording
+    )
     assert solved(recording, tmp_path) == expected
-    assert [np.count_nonzero(read_answers(recording)["status"] == flag) for flag in (2, 1)] == [1, 1]
+    assert [np.count_nonzero(read_answers(recording)["status"] == flag) for flag in (2, 1)] == [
+        1,
+        1,
+    ]
 
 
 def test_a_loop_is_as_many_runs_in_table_and_results(
@@ -140,7 +166,10 @@ def test_a_loop_is_as_many_runs_in_table_and_results(
     once = len(live([*gait, *gait, *gait], recording)) // 3
     assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 0
     out, err = capsys.readouterr()
-    assert "the answers are of 3 runs: each begins at rest (TIME_RESET), where stamps went back" in err
+    assert (
+        "the answers are of 3 runs: each begins at rest (TIME_RESET), where stamps went back"
+        in err
+    )
     assert f"{3 * once} over {3 * 1.93:.2f} s in 3 runs" in out
     rows = [line.split() for line in out.splitlines() if line.startswith(" peak")]
     assert [row[-1] for row in rows] == ["1"] * 4 + ["2"] * 4 + ["3"] * 4
@@ -169,9 +198,14 @@ def by_topic(messages: list[RawMessage]) -> list[list[RawMessage]]:
 
 UNORDERED = {
     "30 messages in the next file": lambda g: [without(g[:650], LATE), [*g[LATE], *g[650:]]],
-    "30 messages in the file before": lambda g: [[*g[: LATE.start], *g[700:730]], [*g[LATE.start : 700], *g[730:]]],
+    "30 messages in the file before": lambda g: [
+        [*g[: LATE.start], *g[700:730]],
+        [*g[LATE.start : 700], *g[730:]],
+    ],
     "30 messages late in a file": lambda g: [[*without(g[:650], LATE), *g[LATE], *g[650:]]],
-    "one message late in a file": lambda g: [[*g[:MOMENT], *g[MOMENT + 1 : MOMENT + 9], g[MOMENT], *g[MOMENT + 9 :]]],
+    "one message late in a file": lambda g: [
+        [*g[:MOMENT], *g[MOMENT + 1 : MOMENT + 9], g[MOMENT], *g[MOMENT + 9 :]]
+    ],
     "a file per topic": by_topic,
     "a topic behind the other": lambda g: [[*by_topic(g)[0], *by_topic(g)[1]]],
     "backwards": lambda g: [g[::-1]],
@@ -204,16 +238,23 @@ def forces(g: list[RawMessage], later: int = 0) -> list[RawMessage]:
 
 
 def in_order(*messages: list[RawMessage]) -> list[RawMessage]:
-    return sorted((message for each in messages for message in each), key=lambda message: message.log_time)
+    return sorted(
+        (message for each in messages for message in each), key=lambda message: message.log_time
+    )
 
 
 def two_channels(path: Path, g: list[RawMessage], still: float) -> Path:
     """The joint comes from two channels: as it is, and every fifth time 1 ms later as if it stood still."""
-    each = states(g, lambda one: one), states(g, lambda one: one._replace(position=(still,)), 5, 1_000_000)
+    each = (
+        states(g, lambda one: one),
+        states(g, lambda one: one._replace(position=(still,)), 5, 1_000_000),
+    )
     file = Mcap(path)
     kinds = (JOINT_STATES, JOINT_STATES, "joint_reaction_force")
     channels = [file.channel(f"/{kind}", MESSAGE_TYPES[kind]) for kind in kinds]
-    all_of_them = [(i, message) for i, part in enumerate((*each, forces(g, 2_000_000))) for message in part]
+    all_of_them = [
+        (i, message) for i, part in enumerate((*each, forces(g, 2_000_000))) for message in part
+    ]
     for number, message in sorted(all_of_them, key=lambda one: one[1].log_time):
         file.write(channels[number], message)
     return file.close()
@@ -236,14 +277,19 @@ def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]
     found = []
     for number, message in enumerate(forces(g)):
         wrench, _ = WRENCH.read(message.data, "")
-        found.append(message._replace(data=encode_wrench_stamped(wrench._replace(frame_id=frame(number)))))
+        found.append(
+            message._replace(data=encode_wrench_stamped(wrench._replace(frame_id=frame(number))))
+        )
     return found
 
 
 def later(g: list[RawMessage], by: int) -> list[RawMessage]:
     """Forces with stamps that are later [ns]."""
     each = [(message, WRENCH.read(message.data, "")[0]) for message in forces(g)]
-    return [message._replace(data=encode_wrench_stamped(one._replace(stamp=one.stamp + by))) for message, one in each]
+    return [
+        message._replace(data=encode_wrench_stamped(one._replace(stamp=one.stamp + by)))
+        for message, one in each
+    ]
 
 
 def unmerged(path: Path, g: list[RawMessage]) -> Path:
@@ -265,37 +311,66 @@ def of_bytes(content: bytes) -> Callable[[Path, list[RawMessage]], Path]:
 
 HIP = ("hip", "knee", "ankle")
 TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
-    "two publishers": (lambda p, g: two_channels(p, g, 0.0), 0, "knee.*channels 1 and 2 of the bag send it and dis"),
-    "a position less than names": (
-        lambda p, g: mcap(p, in_order(states(g, lambda one: one._replace(name=HIP, position=(0.1, 0.2))), forces(g))),
-        2, "387 x lengths_differ.*3 names and 2 values of position: it is not clear which value",
+    "two publishers": (
+        lambda p, g: two_channels(p, g, 0.0),
+        0,
+        "knee.*channels 1 and 2 of the bag send it and dis",
     ),
-    "another definition": (own_definition, 2, "JointState differently from ROS 2.*setpoint where position should be"),
+    "a position less than names": (
+        lambda p, g: mcap(
+            p,
+            in_order(
+                states(g, lambda one: one._replace(name=HIP, position=(0.1, 0.2))), forces(g)
+            ),
+        ),
+        2,
+        "387 x lengths_differ.*3 names and 2 values of position: it is not clear which value",
+    ),
+    "another definition": (
+        own_definition,
+        2,
+        "JointState differently from ROS 2.*setpoint where position should be",
+    ),
     "stamps that were never set": (
         lambda p, g: mcap(p, [m._replace(data=m.data[:4] + bytes(8) + m.data[12:]) for m in g]),
-        1, r"386 of 387 forces have no answer .*header\.stamp is not set \(0\)",
+        1,
+        r"386 of 387 forces have no answer .*header\.stamp is not set \(0\)",
     ),
     "angle stamps that were never set": (
         lambda p, g: mcap(p, in_order(states(g, lambda one: one._replace(stamp=0)), forces(g))),
-        0, r"387 of 387 answers .* hold an old angle of joint_states .*header\.stamp is not set \(0\)",
+        0,
+        r"387 of 387 answers .* hold an old angle of joint_states .*header\.stamp is not set \(0\)",
     ),
     "angle stamps from boot": (
         lambda p, g: mcap(p, in_order(states(g, lambda one: one), later(g, 10**18))),
-        0, r"387 of 387 answers .* hold an old angle of .*: their stamps lie 1e\+09 s apart: .* from boot\?",
+        0,
+        r"387 of 387 answers .* hold an old angle of .*: their stamps lie 1e\+09 s apart: .* from boot\?",
     ),
     "frames of two sensors": (
-        lambda p, g: mcap(p, in_order(states(g, lambda one: one), framed(g, lambda n: f"sensor_{n % 2}"))),
-        1, "193 of 387 forces have no answer .*keep one frame_id",
+        lambda p, g: mcap(
+            p, in_order(states(g, lambda one: one), framed(g, lambda n: f"sensor_{n % 2}"))
+        ),
+        1,
+        "193 of 387 forces have no answer .*keep one frame_id",
     ),
     "angles that end early": (
         lambda p, g: mcap(p, in_order(states(g, lambda one: one)[300:], forces(g))),
-        1, "300 of 387 forces have no answer .*there are no angles at their times",
+        1,
+        "300 of 387 forces have no answer .*there are no angles at their times",
     ),
     "ROS 1": (of_bytes(b"#ROSBAG V2.0\n"), 2, "a bag of ROS 1.*rosbags-convert"),
-    "compressed": (of_bytes(bytes.fromhex("28b52ffd") + bytes(100)), 2, "is compressed: give the folder"),
+    "compressed": (
+        of_bytes(bytes.fromhex("28b52ffd") + bytes(100)),
+        2,
+        "is compressed: give the folder",
+    ),
     "Git LFS": (of_bytes(b"version https://git-lfs.github.com/spec/v1\n"), 2, "git lfs pull"),
-    "a log beside": (lambda p, g: unmerged(p.with_suffix(".db3"), g), 2, r"in\.db3-wal holds messages"),
-}  # fmt: skip
+    "a log beside": (
+        lambda p, g: unmerged(p.with_suffix(".db3"), g),
+        2,
+        r"in\.db3-wal holds messages",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", TOLD)
@@ -314,7 +389,9 @@ def test_what_is_right_is_not_told(
 ) -> None:
     angles = states(gait, lambda one: one)
     if case == "publishers that agree":
-        messages = in_order(angles, states(gait, lambda one: one, 1, 1_000_000), forces(gait, 2_000_000))
+        messages = in_order(
+            angles, states(gait, lambda one: one, 1, 1_000_000), forces(gait, 2_000_000)
+        )
     else:
         messages = in_order(angles, framed(gait, lambda number: "tibia_r" if number else ""))
     bag = mcap(tmp_path / "in.mcap", messages)

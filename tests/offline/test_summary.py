@@ -15,7 +15,9 @@ def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
 ) -> None:
     rows = blank(40_000)
     rows["stamp"] = np.arange(40_000) * 1_000_000
-    rows["load"] = 1200.0 * np.abs(np.sin(np.pi * rows["stamp"] * 1e-9)) + 10.0 * (rows["stamp"] > 20e9)
+    rows["load"] = 1200.0 * np.abs(np.sin(np.pi * rows["stamp"] * 1e-9)) + 10.0 * (
+        rows["stamp"] > 20e9
+    )
     rows["contact_force"], rows["penetration_depth"] = rows["load"] + 1.0, 1e-6 * rows["load"]
     found = []
     for parts in (1, 7, 400):
@@ -25,7 +27,9 @@ def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
         summary.finish()
         found.append(summary.load_peaks)
     assert found[0] == found[1] == found[2]
-    assert [peak.stamp for peak in found[0]] == [500_000_000 + 1_000_000_000 * number for number in range(40)]
+    assert [peak.stamp for peak in found[0]] == [
+        500_000_000 + 1_000_000_000 * number for number in range(40)
+    ]
     show_summary(summary, {}, {})
     told = capsys.readouterr().out
     assert "mean peak     1205.0   1.72              1206.0   1.72        1.205" in told
@@ -49,10 +53,16 @@ def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str
     assert max(map(len, told.splitlines())) <= 80
 
 
-def test_no_moment_is_told_for_largest_values_of_different_moments(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_moment_is_told_for_largest_values_of_different_moments(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     rows = blank(3)
     rows["stamp"] = [0, 1_000_000_000, 2_000_000_000]
-    rows["load"], rows["contact_force"], rows["penetration_depth"] = [1.0, 2.0, 3.0], [3.0, 2.0, 1.0], [1e-3, 0.0, 0.0]
+    rows["load"], rows["contact_force"], rows["penetration_depth"] = (
+        [1.0, 2.0, 3.0],
+        [3.0, 2.0, 1.0],
+        [1e-3, 0.0, 0.0],
+    )
     summary = Summary(700.0)
     summary.add(rows)
     summary.finish()

@@ -26,9 +26,13 @@ UV = Path(sys.prefix) / "bin" / "uv"
 NOT_SHIPPED = ("tests", ".ci", ".gitignore", "MANIFEST.in")
 SHARED = ("bags", "config", "examples", "launch", "urdf")
 OF_THIS_ENVIRONMENT = (
-    "VIRTUAL_ENV", "PYTHONPATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH",
-    "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE",  # the ROS wheels set these in every process that imports one
-)  # fmt: skip
+    "VIRTUAL_ENV",
+    "PYTHONPATH",
+    "AMENT_PREFIX_PATH",
+    "CMAKE_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",  # the ROS wheels set these in every process that imports one
+)
 PATIENCE = 600
 """[s]"""
 
@@ -44,9 +48,17 @@ class Distributions(NamedTuple):
 
 def run(*command: str | Path, folder: Path) -> str:
     """What a command prints; it knows nothing of this environment, and must end well."""
-    environment = {name: value for name, value in os.environ.items() if name not in OF_THIS_ENVIRONMENT}
+    environment = {
+        name: value for name, value in os.environ.items() if name not in OF_THIS_ENVIRONMENT
+    }
     done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+        command,
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
     )
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     return done.stdout
@@ -58,7 +70,9 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
     if not UV.exists() or not shutil.which("git") or not (ROOT / ".git").exists():
         pytest.skip("needs uv beside Python, git, and the tree under git")
     folder = tmp_path_factory.mktemp("distributions")
-    listed = run("git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", folder=ROOT)
+    listed = run(
+        "git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", folder=ROOT
+    )
     files = {name for name in listed.split("\0") if name and (ROOT / name).is_file()}
     for name in files:
         copy = folder / "tree" / name
@@ -66,7 +80,18 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
         shutil.copy2(ROOT / name, copy)
     run(UV, "build", "--quiet", "--sdist", "--out-dir", folder, "tree", folder=folder)
     (source,) = folder.glob("*.tar.gz")
-    run(UV, "build", "--quiet", "--wheel", "--python", sys.executable, "--out-dir", folder, source, folder=folder)
+    run(
+        UV,
+        "build",
+        "--quiet",
+        "--wheel",
+        "--python",
+        sys.executable,
+        "--out-dir",
+        folder,
+        source,
+        folder=folder,
+    )
     (wheel,) = folder.glob("*.whl")
     return Distributions(files, source, wheel)
 
@@ -77,35 +102,63 @@ def installed(distributions: Distributions, tmp_path_factory: pytest.TempPathFac
     folder = tmp_path_factory.mktemp("installed")
     run(UV, "venv", "--quiet", "--python", sys.executable, "venv", folder=folder)
     programs = folder / "venv" / "bin"
-    run(UV, "pip", "install", "--quiet", "--python", programs / "python", distributions.wheel, folder=folder)
+    run(
+        UV,
+        "pip",
+        "install",
+        "--quiet",
+        "--python",
+        programs / "python",
+        distributions.wheel,
+        folder=folder,
+    )
     return programs
 
 
 def test_the_source_distribution_has_what_git_has(distributions: Distributions) -> None:
     with tarfile.open(distributions.source) as archive:
-        packed = {member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()}
+        packed = {
+            member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()
+        }
     wanted = {name for name in distributions.files if name.split("/")[0] not in NOT_SHIPPED}
     assert wanted - packed == set()
     assert not [name for name in packed if name.startswith("tests/") or "__pycache__" in name]
 
 
-def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(distributions: Distributions) -> None:
+def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
+    distributions: Distributions,
+) -> None:
     with ZipFile(distributions.wheel) as archive:
         packed = set(archive.namelist())
     data = f"{PACKAGE}-{__version__}.data/data/"
     ours = {name for name in distributions.files if name.startswith(f"{PACKAGE}/")}
-    shared = {f"{data}share/{PACKAGE}/{name}" for name in distributions.files if name.split("/")[0] in SHARED}
+    shared = {
+        f"{data}share/{PACKAGE}/{name}"
+        for name in distributions.files
+        if name.split("/")[0] in SHARED
+    }
     message = {
-        f"{data}share/{PACKAGE}/{name}" for name in ("package.xml", "msg/KneeContact.msg", "msg/KneeContact.idl")
+        f"{data}share/{PACKAGE}/{name}"
+        for name in ("package.xml", "msg/KneeContact.msg", "msg/KneeContact.idl")
     }
     assert {name for name in packed if name.startswith(f"{PACKAGE}/")} == ours
     assert f"{PACKAGE}/py.typed" in ours
     assert (shared | message) - packed == set()
     tops = tuple(
         f"{data}{top}"
-        for top in (f"share/{PACKAGE}/", "share/ament_index/", f"lib/{PACKAGE}/", f"lib/lib{PACKAGE}__", "lib/python")
+        for top in (
+            f"share/{PACKAGE}/",
+            "share/ament_index/",
+            f"lib/{PACKAGE}/",
+            f"lib/lib{PACKAGE}__",
+            "lib/python",
+        )
     )
-    others = {name for name in packed - ours if not name.startswith((*tops, f"{PACKAGE}-{__version__}.dist-info/"))}
+    others = {
+        name
+        for name in packed - ours
+        if not name.startswith((*tops, f"{PACKAGE}-{__version__}.dist-info/"))
+    }
     assert others == set()
 
 
@@ -115,7 +168,10 @@ def test_package_indexes_take_both(distributions: Distributions) -> None:
 
 
 def test_the_command_tells_its_version_and_help(installed: Path) -> None:
-    assert run(installed / "knee-contact", "--version", folder=installed) == f"knee-contact {__version__}\n"
+    assert (
+        run(installed / "knee-contact", "--version", folder=installed)
+        == f"knee-contact {__version__}\n"
+    )
     assert "Usage: knee-contact" in run(installed / "knee-contact", "--help", folder=installed)
 
 

@@ -12,7 +12,9 @@ from scripts.words import long_sentences, user_pages, words
 from tests import ROOT
 from tests.helpers.needs import has_at_least
 
-DECISIONS = sorted(path for path in (ROOT / "docs" / "decisions").glob("*.md") if path.name != "README.md")
+DECISIONS = sorted(
+    path for path in (ROOT / "docs" / "decisions").glob("*.md") if path.name != "README.md"
+)
 
 
 @pytest.mark.skipif(

@@ -22,8 +22,14 @@ from domain_coordinator import domain_id
 from tests import ROOT
 from tests.helpers.needs import HAS_REPORT, HAS_VIEWER
 
-PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for kind in ("tutorials", "how-to")
-                              for path in (ROOT / "docs" / kind).glob("*.md"))]  # fmt: skip
+PAGES = [
+    "README.md",
+    *sorted(
+        str(path.relative_to(ROOT))
+        for kind in ("tutorials", "how-to")
+        for path in (ROOT / "docs" / kind).glob("*.md")
+    ),
+]
 TOGETHER = [
     ["README.md", "docs/tutorials/first-knee.md"],
     ["docs/tutorials/your-subject.md", "docs/how-to/surfaces-and-shares.md"],
@@ -32,12 +38,28 @@ TOGETHER = [
 ELSEWHERE = {"docs/tutorials/your-robot.md": "tests/ros/test_robot.py"}
 """Pages that are run by another test"""
 GROUPS = TOGETHER + [
-    [page] for page in PAGES if page not in {*ELSEWHERE, *(page for pages in TOGETHER for page in pages)}
+    [page]
+    for page in PAGES
+    if page not in {*ELSEWHERE, *(page for pages in TOGETHER for page in pages)}
 ]
-BLOCK = re.compile(r"^(?P<before>[^\n]*)\n+```(?P<kind>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(
+    r"^(?P<before>[^\n]*)\n+```(?P<kind>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
+)
 NEED = re.compile(r"<!-- not run: (.*) -->")
-NEEDS = {"a download", "a screen", "apt", "OpenSim", "Docker", "ros2", "systemd", "other machines", "hours", "itself",
-         "by tests/ros/test_demo.py", "by tests/lab/sweep/test_killed.py"}  # fmt: skip
+NEEDS = {
+    "a download",
+    "a screen",
+    "apt",
+    "OpenSim",
+    "Docker",
+    "ros2",
+    "systemd",
+    "other machines",
+    "hours",
+    "itself",
+    "by tests/ros/test_demo.py",
+    "by tests/lab/sweep/test_killed.py",
+}
 """What a block may need that this test does not have, or which other test runs it"""
 SAVED = re.compile(r"Save this as `([\w.]+)`")
 INSTALLED = ROOT / ".venv" / ".installed"
@@ -48,7 +70,9 @@ END = "@@ block ended"
 OF_MAKE = ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "ARGS")  # of `make test ARGS=...`
 
 pytestmark = [
-    pytest.mark.skipif(not (HAS_VIEWER and HAS_REPORT), reason="needs the environment that `make demo` makes"),
+    pytest.mark.skipif(
+        not (HAS_VIEWER and HAS_REPORT), reason="needs the environment that `make demo` makes"
+    ),
     pytest.mark.filterwarnings("ignore"),
 ]
 
@@ -63,7 +87,10 @@ class Block(NamedTuple):
 
 def blocks_of(page: str) -> list[Block]:
     """All blocks of a page that are shown with a language."""
-    return [Block(*found.groups()) for found in BLOCK.finditer((ROOT / page).read_text(encoding="utf-8"))]
+    return [
+        Block(*found.groups())
+        for found in BLOCK.finditer((ROOT / page).read_text(encoding="utf-8"))
+    ]
 
 
 class Shell:
@@ -72,11 +99,21 @@ class Shell:
     def __init__(self, folder: Path, domain: int) -> None:
         self.domain, self.printed = domain, dict[str, str]()
         environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
-        environment |= {"PATH": f"{sys.prefix}/bin:{environment['PATH']}", "MPLBACKEND": "Agg", "COLUMNS": "120"}
+        environment |= {
+            "PATH": f"{sys.prefix}/bin:{environment['PATH']}",
+            "MPLBACKEND": "Agg",
+            "COLUMNS": "120",
+        }
         self.process = subprocess.Popen(
-            ["/bin/bash", "-e", "-o", "pipefail"], cwd=folder, env=environment, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-        )  # fmt: skip
+            ["/bin/bash", "-e", "-o", "pipefail"],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
 
     def run(self, text: str) -> str:
         """Run a block; return what it prints."""
@@ -124,7 +161,9 @@ def shell(folder: Path) -> Iterator[Shell]:
 
 
 @pytest.mark.parametrize("pages", GROUPS, ids=" ".join)
-def test_what_a_page_prints_runs_and_prints_what_is_shown(pages: list[str], shell: Shell, folder: Path) -> None:
+def test_what_a_page_prints_runs_and_prints_what_is_shown(
+    pages: list[str], shell: Shell, folder: Path
+) -> None:
     names: dict[str, Any] = {"__name__": "page"}
     printed = ""
     for before, kind, text in [block for page in pages for block in blocks_of(page)]:
@@ -135,7 +174,9 @@ def test_what_a_page_prints_runs_and_prints_what_is_shown(pages: list[str], shel
             (folder / saved[1]).write_text(text, encoding="utf-8")
         elif kind == "sh":
             if text not in shell.printed:
-                shell.printed[text] = shell.run(text if OWN else re.sub("^make demo", "knee-contact demo", text))
+                shell.printed[text] = shell.run(
+                    text if OWN else re.sub("^make demo", "knee-contact demo", text)
+                )
             printed = shell.printed[text]
         elif kind == "python":
             with contextlib.redirect_stdout(io.StringIO()) as out:
@@ -144,11 +185,15 @@ def test_what_a_page_prints_runs_and_prints_what_is_shown(pages: list[str], shel
         elif kind == "text" and printed:
             lines = [line.rstrip() for line in printed.splitlines()]
             for line in text.splitlines():
-                assert any(each.startswith(line.rstrip()) for each in lines), f"{line!r} is not in\n{printed}"
+                assert any(each.startswith(line.rstrip()) for each in lines), (
+                    f"{line!r} is not in\n{printed}"
+                )
             printed = ""
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_pictures_and_files_that_a_page_names_are_there(page: str) -> None:
-    for name in re.findall(r"`((?:examples|config|bags|docs)/[\w/.-]+)`", (ROOT / page).read_text(encoding="utf-8")):
+    for name in re.findall(
+        r"`((?:examples|config|bags|docs)/[\w/.-]+)`", (ROOT / page).read_text(encoding="utf-8")
+    ):
         assert (ROOT / name).exists(), name

@@ -14,7 +14,9 @@ from tests import ROOT
 from tests.helpers.browser import requested
 
 for module in ("sphinx", "myst_parser", "furo"):
-    pytest.importorskip(module, reason="the site's generator is not installed (dependency group docs)")
+    pytest.importorskip(
+        module, reason="the site's generator is not installed (dependency group docs)"
+    )
 
 pytestmark = pytest.mark.xdist_group("site")  # one process, so that it is built once
 
@@ -25,8 +27,25 @@ FRONT = "README.html"
 
 def build(source: Path, site: Path) -> subprocess.CompletedProcess[str]:
     """As `make docs` does."""
-    options = ["--quiet", "--fail-on-warning", "--keep-going", "-c", ROOT / "docs", "-D", "root_doc=README"]
-    command = [sys.executable, "-m", "sphinx", *options, "-d", site.parent / "doctrees", source, site]
+    options = [
+        "--quiet",
+        "--fail-on-warning",
+        "--keep-going",
+        "-c",
+        ROOT / "docs",
+        "-D",
+        "root_doc=README",
+    ]
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        *options,
+        "-d",
+        site.parent / "doctrees",
+        source,
+        site,
+    ]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
@@ -47,7 +66,13 @@ def test_every_page_is_on_it(site: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [FRONT, "docs/how-to/see-it.html", "docs/reference/python.html", "docs/reference/commands.html"]
+    "page",
+    [
+        FRONT,
+        "docs/how-to/see-it.html",
+        "docs/reference/python.html",
+        "docs/reference/commands.html",
+    ],
 )
 def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -> None:
     browser.get_log("browser"), browser.get_log("performance")  # those of before

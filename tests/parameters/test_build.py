@@ -49,15 +49,28 @@ def test_every_law_works_with_both_drives(law: str) -> None:
         # The very numbers that were published go into the very formula.
         assert contact.contact_force == max(force, 0.0)
     for series in (forced, followed):
-        for field in ("contact_force", "penetration_depth", "penetration_rate", "femoral_height", "error_estimate"):
+        for field in (
+            "contact_force",
+            "penetration_depth",
+            "penetration_rate",
+            "femoral_height",
+            "error_estimate",
+        ):
             assert np.isfinite(series[field]).all(), field
         assert np.all(series.contact_force >= 0.0)
 
 
 def test_stiffness_from_the_material_is_hertz() -> None:
-    names = {"contact.stiffness_from": "material", "contact.law": "two_layer_elastic", "contact.layer_depth": 0.01}
+    names = {
+        "contact.stiffness_from": "material",
+        "contact.law": "two_layer_elastic",
+        "contact.layer_depth": 0.01,
+    }
     law = knee_contact_ros.load_model(names).law
-    cartilage, bone = 136.08 * 10**4.5, 98_408 * 10**4.5  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
+    cartilage, bone = (
+        136.08 * 10**4.5,
+        98_408 * 10**4.5,
+    )  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
     # The numbers by hand have 5 digits.
     assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)
     beyond = law.static_force(0.01) + bone * 1e-3**1.5
@@ -67,22 +80,35 @@ def test_stiffness_from_the_material_is_hertz() -> None:
 def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
     model = knee_contact_ros.load_model({"fidelity.force_tolerance": 2.5})
     assert (model.force_tolerance, model.knee.force_tolerance) == (2.5, 2.5)
-    assert (model.knee.level, model.knee.budget, model.knee.allow_tension) == (LEVELS["dynamic"], BUDGET, False)
+    assert (model.knee.level, model.knee.budget, model.knee.allow_tension) == (
+        LEVELS["dynamic"],
+        BUDGET,
+        False,
+    )
     fresh = knee_contact_ros.load_model({}).knee
     assert fresh.force_tolerance == 0.0
     changes = {
-        "fidelity.force_tolerance": 0.1, "fidelity.tolerance": 1e-8, "fidelity.budget": 300, "femur.mass": 8.0,
-        "fidelity.level": "quasi_static", "contact.allow_tension": True, "contact.stiffness": 5e7,
-    }  # fmt: skip
+        "fidelity.force_tolerance": 0.1,
+        "fidelity.tolerance": 1e-8,
+        "fidelity.budget": 300,
+        "femur.mass": 8.0,
+        "fidelity.level": "quasi_static",
+        "contact.allow_tension": True,
+        "contact.stiffness": 5e7,
+    }
     changed, made = retuned(model, load_parameters(changes)), knee_contact_ros.load_model(changes)
     assert changed.pair is model.pair
     for name in ("mass", "tolerance", "force_tolerance", "budget", "level", "allow_tension"):
-        assert getattr(changed.knee, name) == getattr(made.knee, name) != getattr(fresh, name), name
+        assert getattr(changed.knee, name) == getattr(made.knee, name) != getattr(fresh, name), (
+            name
+        )
     assert changed.law == made.law
     assert changed.patch == made.patch
 
 
-def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     schema._instead_of_first_order.cache_clear()
     for _ in range(2):
         parameters = load_parameters({"fidelity.level": "first_order"})
@@ -93,7 +119,9 @@ def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(caplog: pyt
     )
 
 
-def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     made = ContactLaw((Layer(stiffness=1e7), Layer(0.0, 0.0, 1e8)))
     monkeypatch.setitem(CONTACT_LAWS, "hertz", lambda *, stiffness, exponent: made)
     with pytest.raises(
@@ -104,7 +132,9 @@ def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(monke
         knee_contact_ros.load_model({"contact.law": "hertz"})
 
 
-def law_with_an_edge(*, stiffness: float, edge: Annotated[float, Range(0.0, 1.0, "[m] of it")] = 0.25) -> ContactLaw:
+def law_with_an_edge(
+    *, stiffness: float, edge: Annotated[float, Range(0.0, 1.0, "[m] of it")] = 0.25
+) -> ContactLaw:
     """A law with a constant of its own."""
     return CONTACT_LAWS["hertz"](stiffness=stiffness, exponent=1.0 + edge)
 
@@ -140,10 +170,14 @@ def subject(folder: Path, text: str) -> Path:
 
 def test_the_generic_model_is_the_papers(tmp_path: Path) -> None:
     parameters = load_parameters(Subject(subject(tmp_path, "mass: 75.16\n")).sources())
-    assert parameters.body_weight == pytest.approx(737.068, abs=5e-4)  # as the parameter files round it
+    assert parameters.body_weight == pytest.approx(
+        737.068, abs=5e-4
+    )  # as the parameter files round it
     assert parameters.femur.mass == pytest.approx(9.3014, rel=1e-12)
     scaled = load_parameters(Subject(subject(tmp_path, "mass: 72.6\n")).sources())
-    assert scaled.femur.mass == pytest.approx(8.984, abs=1e-3)  # OpenSim's own scaling of this model
+    assert scaled.femur.mass == pytest.approx(
+        8.984, abs=1e-3
+    )  # OpenSim's own scaling of this model
     assert scaled.body_weight == pytest.approx(711.963, abs=1e-3)
 
 
@@ -167,7 +201,10 @@ bag: gait
     assert parameters.contact.law == "two_layer_viscoelastic"
     assert parameters.contact.layer_depth == 0.0004
     assert parameters.knee.joint_name == "knee_r"
-    assert (parameters.femur.geometry, parameters.femur.profile) == ("profile", str(tmp_path / "mine.csv"))
+    assert (parameters.femur.geometry, parameters.femur.profile) == (
+        "profile",
+        str(tmp_path / "mine.csv"),
+    )
     assert parameters.tibia.profile == str(config / "tibia_medial.csv")
     assert (parameters.femur.scale, parameters.tibia.scale) == (0.95, 0.95)
 
@@ -182,7 +219,10 @@ bag: gait
         ("mass: -3\n", "mass: -3 is not allowed; it should be greater than or equal to 1"),
         ("mass: heavy\n", "mass: 'heavy' is not allowed"),
         ("mass: 70\nthicknes: 1\n", "thicknes: is not known"),
-        ("mass: 70\nthickness: 3.0\n", "thickness: 3.0 is not allowed; it should be less than or equal to 0.1"),
+        (
+            "mass: 70\nthickness: 3.0\n",
+            "thickness: 3.0 is not allowed; it should be less than or equal to 0.1",
+        ),
         ("mass: 70\nscale: 0\n", "scale: 0 is not allowed"),
         ("mass: 70\nparameters: []\n", "parameters: [] is not allowed"),
         ("mass: 70\nparameters: [none.yaml]\n", "none.yaml"),
@@ -198,7 +238,10 @@ def test_what_is_not_allowed_is_one_line(tmp_path: Path, text: str, words: str) 
 def test_solve_takes_it_and_says_what_is_missing(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = subject(tmp_path, f"mass: 72.6\nthickness: 0.0006\nparameters: [osteoarthritis.yaml]\nbag: {right_bag}\n")
+    path = subject(
+        tmp_path,
+        f"mass: 72.6\nthickness: 0.0006\nparameters: [osteoarthritis.yaml]\nbag: {right_bag}\n",
+    )
     values = ["-p", "contact.layer_depth:=0.0007", "--output", str(tmp_path / "out.mcap")]
     assert main(["solve", "--subject", str(path), *values, "-p", "contact.law:=hertz"]) == 2
     assert "thickness: 0.0006 is not used by contact.law hertz" in capsys.readouterr().err
@@ -223,13 +266,19 @@ MILLISECOND = 1_000_000
 
 def doubts(**values: Any) -> Doubts:
     """Those about parameters, `__` standing for a dot."""
-    parameters = load_parameters({name.replace("__", "."): value for name, value in values.items()})
+    parameters = load_parameters(
+        {name.replace("__", "."): value for name, value in values.items()}
+    )
     return doubts_about(parameters, build_model(parameters))
 
 
 def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
     combinations = [[], ["healthy.yaml"], ["osteoarthritis.yaml"]]
-    combinations += [[*files, knee] for files in combinations[1:] for knee in ("mri_femur.yaml", "mri_knee.yaml")]
+    combinations += [
+        [*files, knee]
+        for files in combinations[1:]
+        for knee in ("mri_femur.yaml", "mri_knee.yaml")
+    ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for files in combinations:
@@ -242,28 +291,47 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (TYPED, rf"^contact\.stiffness 2500 N/m\^1\.5 gives 279 mm of depth {HALF}, {FIFTH}; "
-                r"2500 N/mm\^1\.5 would be 7\.905694e\+07 N/m\^1\.5$"),
-        ({"pairing.angle_delay": 0.12},
-         r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, the node answers every force .* "
-         r"\(INPUT_HELD\)$"),
+        (
+            TYPED,
+            rf"^contact\.stiffness 2500 N/m\^1\.5 gives 279 mm of depth {HALF}, {FIFTH}; "
+            r"2500 N/mm\^1\.5 would be 7\.905694e\+07 N/m\^1\.5$",
+        ),
+        (
+            {"pairing.angle_delay": 0.12},
+            r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, the node answers every "
+            r"force .* \(INPUT_HELD\)$",
+        ),
         (TYPED | {"load.compartment": "total"}, r"under 737\.1 N \(1 body weights\), "),
         (TYPED | {"load.compartment": "moment_balance"}, HALF),
         (TYPED | {"load.share": 0.7}, r"under 515\.9 N \(0\.7 body weights\), "),
-        ({"contact.law": "elastic_foundation", "contact.youngs_modulus": 24.0},
-         rf"^contact\.youngs_modulus 24 Pa gives 466 mm of depth {HALF}, beyond 4\.4 mm, the cartilage's thickness; "
-         r"24 MPa would be 2\.4e\+07 Pa$"),
-        ({"contact.stiffness_from": "material", "contact.youngs_modulus": 24.0},
-         rf"^contact\.youngs_modulus 24 Pa gives 1\.94e\+04 mm of depth {HALF}, {FIFTH}; 24 MPa would"),
-        ({"contact.law": "two_layer_elastic", "contact.stiffness_2": 98408.0},
-         r"^contact\.stiffness_2 98408 N/m\^1\.5 is below contact\.stiffness, 7\.905694e\+07: bone softer "
-         r"than cartilage; 98408 N/mm\^1\.5 would be 3\.111934e\+09 N/m\^1\.5$"),
-        ({"contact.law": "two_layer_elastic", "contact.stiffness": 2500.0, "contact.stiffness_2": 98408.0},
-         r"^contact\.stiffness 2500 N/m\^1\.5 gives 24\.6 mm .*; 2500 N/mm\^1\.5 would be 7\.905694e\+07"),
+        (
+            {"contact.law": "elastic_foundation", "contact.youngs_modulus": 24.0},
+            rf"^contact\.youngs_modulus 24 Pa gives 466 mm of depth {HALF}, beyond 4\.4 mm, the cartilage's thickness; "
+            r"24 MPa would be 2\.4e\+07 Pa$",
+        ),
+        (
+            {"contact.stiffness_from": "material", "contact.youngs_modulus": 24.0},
+            rf"^contact\.youngs_modulus 24 Pa gives 1\.94e\+04 mm of depth {HALF}, {FIFTH}; 24 MPa would",
+        ),
+        (
+            {"contact.law": "two_layer_elastic", "contact.stiffness_2": 98408.0},
+            r"^contact\.stiffness_2 98408 N/m\^1\.5 is below contact\.stiffness, 7\.905694e\+07: bone softer "
+            r"than cartilage; 98408 N/mm\^1\.5 would be 3\.111934e\+09 N/m\^1\.5$",
+        ),
+        (
+            {
+                "contact.law": "two_layer_elastic",
+                "contact.stiffness": 2500.0,
+                "contact.stiffness_2": 98408.0,
+            },
+            r"^contact\.stiffness 2500 N/m\^1\.5 gives 24\.6 mm .*; 2500 N/mm\^1\.5 would be 7\.905694e\+07",
+        ),
         ({"body_weight": 75.0}, r"^body_weight 75 N: is it kg\? 75 kg weigh 735\.5 N$"),
     ],
-)  # fmt: skip
-def test_parameters_in_another_unit_are_told_in_a_sentence(values: dict[str, Any], words: str) -> None:
+)
+def test_parameters_in_another_unit_are_told_in_a_sentence(
+    values: dict[str, Any], words: str
+) -> None:
     with pytest.warns(UserWarning, match=words) as told:
         knee_contact_ros.load_model(values)
     assert len(told) == 1
@@ -275,10 +343,16 @@ def test_a_contact_that_is_on_no_plateau_says_so() -> None:
     """Of a femur whose origin is at the hip."""
     nothing = dict.fromkeys(("flexion_angle", "penetration_depth", "gap"), np.zeros(4))
     watch = Doubts()
-    watch.add_all(nothing | {
-        "stamp": np.arange(4), "load": np.ones(4), "penetration_depth": np.array([1e-4, 1e-4, 1e-4, 0.0]),
-        "status": np.array([32, 32, 0, 0]), "contact_point_x": np.array([0.061, -0.5, 0.059, 0.061]),
-    })  # fmt: skip
+    watch.add_all(
+        nothing
+        | {
+            "stamp": np.arange(4),
+            "load": np.ones(4),
+            "penetration_depth": np.array([1e-4, 1e-4, 1e-4, 0.0]),
+            "status": np.array([32, 32, 0, 0]),
+            "contact_point_x": np.array([0.061, -0.5, 0.059, 0.061]),
+        }
+    )
     assert watch.sentences[0].startswith(
         "the contact is up to 500 mm ahead of the tibia's origin or behind it, outside"
     )
@@ -290,11 +364,23 @@ def test_solve_says_it_on_the_terminal_and_in_its_table(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "out.mcap"
-    arguments = [str(right_bag), "-p", "contact.stiffness:=2500", "-p", "body_weight:=75.16", "--output", str(output)]
+    arguments = [
+        str(right_bag),
+        "-p",
+        "contact.stiffness:=2500",
+        "-p",
+        "body_weight:=75.16",
+        "--output",
+        str(output),
+    ]
     assert main(["solve", *arguments]) == 0
     printed = capsys.readouterr()
     lines = printed.err.splitlines()
-    assert [line.partition(" warning: ")[2].split()[0] for line in lines] == ["body_weight", "contact.stiffness", "387"]
+    assert [line.partition(" warning: ")[2].split()[0] for line in lines] == [
+        "body_weight",
+        "contact.stiffness",
+        "387",
+    ]
     assert lines[2].startswith(
         "knee-contact: warning: 387 of 387 ticks are up to 359 mm deep, beyond 6.8 mm, a fifth of"
     )
@@ -304,9 +390,14 @@ def test_solve_says_it_on_the_terminal_and_in_its_table(
         assert f"warning {line.partition(' warning: ')[2][:30]}" in words
 
 
-def test_solve_marks_the_peaks_of_a_landing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_solve_marks_the_peaks_of_a_landing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     loads = [-200.0 if 50 <= i < 60 else 900.0 for i in range(121)]
-    thrown = make_bag(tmp_path / "thrown.mcap", [(i * 10 * MILLISECOND, 0.1, load) for i, load in enumerate(loads)])
+    thrown = make_bag(
+        tmp_path / "thrown.mcap",
+        [(i * 10 * MILLISECOND, 0.1, load) for i, load in enumerate(loads)],
+    )
     assert main(["solve", str(thrown), "--output", str(tmp_path / "thrown_out.mcap")]) == 0
     printed = capsys.readouterr()
     assert "largest !" in printed.out

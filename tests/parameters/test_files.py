@@ -25,7 +25,13 @@ from knee_contact_ros.parameters.files import (
     load_parameters,
     variations_of,
 )
-from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Parameters, allowed_levels, has_both
+from knee_contact_ros.parameters.schema import (
+    LoadParameters,
+    NodeSection,
+    Parameters,
+    allowed_levels,
+    has_both,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import shipped_parameter_files
 from tests.helpers.recordings_of import recording_with
@@ -42,7 +48,10 @@ def test_mappings_may_be_nested_dotted_or_a_files_content() -> None:
             "/left/knee_contact": {"ros__parameters": {"contact.damping": 10}},
         },
     ]
-    found = [load_parameters(form, namespace="left" if "/left/knee_contact" in form else "") for form in forms]
+    found = [
+        load_parameters(form, namespace="left" if "/left/knee_contact" in form else "")
+        for form in forms
+    ]
     assert all(parameters.contact.damping == 10.0 for parameters in found)
 
 
@@ -61,31 +70,57 @@ def test_files_are_read_as_ros_reads_them(tmp_path: Path) -> None:
 def test_osteoarthritis_changes_the_law_and_its_layers_alone(config: Path) -> None:
     """Of a person's knee, whose parameters were given before."""
     person = {
-        "body_weight": 931.6, "femur.mass": 11.8, "femur.radius": 0.031, "load.share": 0.7, "contact.stiffness": 6.0e7,
-        "fidelity.tolerance": 1.0e-8, "contact.layer_depth": 1.0e-3, "contact.damp_first_layer": True,
-    }  # fmt: skip
+        "body_weight": 931.6,
+        "femur.mass": 11.8,
+        "femur.radius": 0.031,
+        "load.share": 0.7,
+        "contact.stiffness": 6.0e7,
+        "fidelity.tolerance": 1.0e-8,
+        "contact.layer_depth": 1.0e-3,
+        "contact.damp_first_layer": True,
+    }
     one, other = (
-        flat_parameters(load_parameters([person, *files])) for files in ([], [config / "osteoarthritis.yaml"])
+        flat_parameters(load_parameters([person, *files]))
+        for files in ([], [config / "osteoarthritis.yaml"])
     )
     assert {name: other[name] for name in one if one[name] != other[name]} == {
-        "contact.law": "two_layer_viscoelastic", "contact.layer_depth": 5.0e-4, "contact.damp_first_layer": False,
-    }  # fmt: skip
+        "contact.law": "two_layer_viscoelastic",
+        "contact.layer_depth": 5.0e-4,
+        "contact.damp_first_layer": False,
+    }
 
 
 BOTH = {"load.compartment": "both", "lateral.contact.damping": 2e3}
 VARIED: list[dict[str, Any]] = [
-    {}, {"contact.damping": 10}, {"contact.damping": 1e3, "femur.mass": 8.0, "body_weight": 700.0, "load.share": 0.6},
-    {"lateral.contact.damping": 1.0, "contact.damping": 2.0}, {"lateral.femur.radius": 0.03}, {"femur.radius": 0.03},
-    {"load.compartment": "both", "contact.damping": 3e3}, {"load.compartment": "total"}, {"fidelity.budget": 300},
-    {"load.compartment": "both", "drive": "displacement"}, {"contact.damping": -1.0}, {"contact.damping": "5"},
-    {"femur.mass": 8.0, "contact.damping": float("nan")}, {"contact.dampin": 1.0}, {"contact": 1.0}, {"drive": "x"},
-    {"tibia.slope": 0.1, "tibia.geometry": "circle"}, {"tibia.geometry": "circle", "tibia.radius": 0.02},
-    {"lateral.tibia.geometry": "circle", "tibia.radius": 0.02}, {"fidelity.force_tolerance": 1e-10},
-]  # fmt: skip
+    {},
+    {"contact.damping": 10},
+    {"contact.damping": 1e3, "femur.mass": 8.0, "body_weight": 700.0, "load.share": 0.6},
+    {"lateral.contact.damping": 1.0, "contact.damping": 2.0},
+    {"lateral.femur.radius": 0.03},
+    {"femur.radius": 0.03},
+    {"load.compartment": "both", "contact.damping": 3e3},
+    {"load.compartment": "total"},
+    {"fidelity.budget": 300},
+    {"load.compartment": "both", "drive": "displacement"},
+    {"contact.damping": -1.0},
+    {"contact.damping": "5"},
+    {"femur.mass": 8.0, "contact.damping": float("nan")},
+    {"contact.dampin": 1.0},
+    {"contact": 1.0},
+    {"drive": "x"},
+    {"tibia.slope": 0.1, "tibia.geometry": "circle"},
+    {"tibia.geometry": "circle", "tibia.radius": 0.02},
+    {"lateral.tibia.geometry": "circle", "tibia.radius": 0.02},
+    {"fidelity.force_tolerance": 1e-10},
+]
 
 
-@pytest.mark.parametrize("common", [{}, BOTH, {"contact.law": "hertz"}], ids=["one", "both", "law"])
-def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(common: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "common", [{}, BOTH, {"contact.law": "hertz"}], ids=["one", "both", "law"]
+)
+def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(
+    common: dict[str, Any],
+) -> None:
     """Lateral values of a knee that has no lateral compartment mean nothing, and need not follow the medial ones."""
     base = load_parameters(common)
     before, varied = base.model_dump_json(), variations_of(base)
@@ -119,9 +154,14 @@ def test_a_name_means_a_file_here_or_one_of_the_packages_own(
     assert load_parameters("osteoarthritis") == load_parameters("osteoarthritis.yaml") == shipped
     (tmp_path / "osteoarthritis").mkdir()  # of reports, say
     assert load_parameters("osteoarthritis") == shipped
-    Path("osteoarthritis.yaml").write_text("knee_contact:\n  ros__parameters: {body_weight: 600.0}")
+    Path("osteoarthritis.yaml").write_text(
+        "knee_contact:\n  ros__parameters: {body_weight: 600.0}"
+    )
     assert load_parameters("osteoarthritis").body_weight == 600.0
-    assert load_parameters(["mri_femur", {"femur.scale": 1.1}, {"body_weight": 500.0}]).femur.scale == 1.1
+    assert (
+        load_parameters(["mri_femur", {"femur.scale": 1.1}, {"body_weight": 500.0}]).femur.scale
+        == 1.1
+    )
     assert load_parameters([shipped, {"femur.mass": 8.0}]).contact == shipped.contact
     # A profile of one file that another leaves behind is no mistake.
     assert load_parameters(["mri_femur", {"femur.geometry": "circle"}]).femur.geometry == "circle"
@@ -130,7 +170,9 @@ def test_a_name_means_a_file_here_or_one_of_the_packages_own(
 def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
     path = tmp_path / "translation.csv"
     path.write_bytes(b"\xef\xbb\xbfflexion_angle,x\r\n  # a remark\r\n0.0,0.0\r\n 1.0, 0.002\r\n")
-    model = knee_contact_ros.load_model({"translation.mechanism": "table", "translation.table": str(path)})
+    model = knee_contact_ros.load_model(
+        {"translation.mechanism": "table", "translation.table": str(path)}
+    )
     assert model.pair.mechanism.translation(1.0)[0] == 0.002
 
 
@@ -156,7 +198,9 @@ def load(values: Any) -> LoadParameters:
         (FULL | ON_FOOT | HIP | ANKLE, 3),
     ],
 )
-def test_inputs_allow_levels_and_auto_is_the_last_of_them(inputs: dict[str, Any], allowed: int) -> None:
+def test_inputs_allow_levels_and_auto_is_the_last_of_them(
+    inputs: dict[str, Any], allowed: int
+) -> None:
     parameters = load(inputs)
     assert allowed_levels(parameters) == list(LEVELS)[:allowed]
     assert parameters.chosen_level == list(LEVELS)[allowed - 1]
@@ -164,9 +208,13 @@ def test_inputs_allow_levels_and_auto_is_the_last_of_them(inputs: dict[str, Any]
         if number < allowed:
             assert load(inputs | {"level": level}).chosen_level == level
             continue
-        with pytest.raises(UsageError, match=f"^parameter level: '{level}' is not allowed; it needs ground") as caught:
+        with pytest.raises(
+            UsageError, match=f"^parameter level: '{level}' is not allowed; it needs ground"
+        ) as caught:
             load(inputs | {"level": level})
-        assert str(caught.value).endswith(f"These inputs allow {', '.join(list(LEVELS)[:allowed])}")
+        assert str(caught.value).endswith(
+            f"These inputs allow {', '.join(list(LEVELS)[:allowed])}"
+        )
 
 
 def test_shipped_files_load_and_say_their_level(config: Path) -> None:
@@ -196,46 +244,91 @@ def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
 CIRCLE = {"tibia.geometry": "circle"}
 REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
     Parameters: [
-        ({"contact.damping": -1.0}, r"contact\.damping: -1\.0 is not allowed; it should be greater than or equal to 0"),
-        ({"contact.damping": "5000"}, r"contact\.damping: '5000' is not allowed; it should be a valid number"),
+        (
+            {"contact.damping": -1.0},
+            r"contact\.damping: -1\.0 is not allowed; it should be greater than or equal to 0",
+        ),
+        (
+            {"contact.damping": "5000"},
+            r"contact\.damping: '5000' is not allowed; it should be a valid number",
+        ),
         ({"contact.damping": float("nan")}, "nan is not allowed; it should be a finite number"),
-        ({"contact.law": "hook"}, r"contact\.law: 'hook' is not allowed; allowed: .*hertz, kelvin_voigt"),
+        (
+            {"contact.law": "hook"},
+            r"contact\.law: 'hook' is not allowed; allowed: .*hertz, kelvin_voigt",
+        ),
         ({"contact.allow_tension": 1}, "1 is not allowed; it should be a valid boolean"),
         ({"contact.poissons_ratio": 0.5}, "less than 0.5"),
-        ({"record.max_size": 0.01}, r"max_size: 0\.01 is not allowed; allowed: 0 \(off\) or a number >= 0\.1"),
+        (
+            {"record.max_size": 0.01},
+            r"max_size: 0\.01 is not allowed; allowed: 0 \(off\) or a number >= 0\.1",
+        ),
         ({"fidelity.force_tolerance": 1e-10}, r"0 \(off\) or a number >= 1e-09"),
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
-        ({"contact.dampin": 1.0}, r"unknown parameter contact\.dampin; did you mean contact\.damping\?"),
+        (
+            {"contact.dampin": 1.0},
+            r"unknown parameter contact\.dampin; did you mean contact\.damping\?",
+        ),
         ({"zzz": 1.0}, r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("),
         ({"femur.geometry": "profile"}, r"femur\.profile is empty"),
         ({"translation.mechanism": "table"}, r"translation\.table is empty"),
         (CIRCLE | {"tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
-        (CIRCLE | {"tibia.radius": 0.034}, r"tibia\.radius: 0\.034 .* exceed femur\.radius, 0\.034"),
-        ({"contact.stiffness_from": "material", "contact.exponent": 1.0}, r"contact\.exponent: 1 .* needs 1\.5"),
-        ({"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03}, r"tibial_radius: 0\.03 .* 0\.034"),
+        (
+            CIRCLE | {"tibia.radius": 0.034},
+            r"tibia\.radius: 0\.034 .* exceed femur\.radius, 0\.034",
+        ),
+        (
+            {"contact.stiffness_from": "material", "contact.exponent": 1.0},
+            r"contact\.exponent: 1 .* needs 1\.5",
+        ),
+        (
+            {"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03},
+            r"tibial_radius: 0\.03 .* 0\.034",
+        ),
         ({"femur.scale": 1.1}, r"femur\.scale: 1\.1 is not allowed; only femur\.geometry profile"),
     ],
     LoadParameters: [
-        ({"level": "muscles"}, r"level: 'muscles' is not allowed; .*auto, ground_force, knee_moment, ankle_moment"),
+        (
+            {"level": "muscles"},
+            r"level: 'muscles' is not allowed; .*auto, ground_force, knee_moment, ankle_moment",
+        ),
         ({"knee.joint_name": ""}, r"knee\.joint_name: '' is not allowed"),
-        ({"hip.joint_name": "knee"}, r"parameter knee\.joint_name: knee, knee are not different joints"),
-        ({"ankle.assisted": True}, r"ankle\.assisted: True is not allowed; ankle\.joint_name is empty"),
+        (
+            {"hip.joint_name": "knee"},
+            r"parameter knee\.joint_name: knee, knee are not different joints",
+        ),
+        (
+            {"ankle.assisted": True},
+            r"ankle\.assisted: True is not allowed; ankle\.joint_name is empty",
+        ),
         ({"hip.assisted": True}, r"unknown parameter hip\.assisted"),
         ({"frame.tibia": ""}, r"frame\.tibia: '' is not allowed"),
-        ({"frame.ground": "/plate"}, r"frame\.ground: '/plate' is not allowed; .*without a slash before it"),
+        (
+            {"frame.ground": "/plate"},
+            r"frame\.ground: '/plate' is not allowed; .*without a slash before it",
+        ),
         ({"person.height": 175.0}, r"person\.height: 175\.0 is not allowed; .*2\.5"),
-        ({"standard_deviation": 0.001}, r"standard_deviation: 0\.001 .* 0 \(as measured for the level\) or a num"),
+        (
+            {"standard_deviation": 0.001},
+            r"standard_deviation: 0\.001 .* 0 \(as measured for the level\) or a num",
+        ),
     ],
 }
-OURS, LOAD = r"\(healthy, .*osteoarthritis.*\)", r"\(load/gait2354, load/insole, load/inverse_dynamics\)"
+OURS, LOAD = (
+    r"\(healthy, .*osteoarthritis.*\)",
+    r"\(load/gait2354, load/insole, load/inverse_dynamics\)",
+)
 NO_SOURCES: tuple[Any, ...] = (None, "", 3, [None], ["healthy", ""])
 MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
     Parameters: [
         ("nowhere.yaml", r"nowhere\.yaml: cannot read the parameter file"),
         ("osteoarthritic", rf"^osteoarthritic: .* {OURS}; did you mean osteoarthritis\?$"),
         ("xyz", r"own \([^)]*\)$"),
-        *((one, r"^parameters: .* is not allowed; a parameter file's name, a mapping of") for one in NO_SOURCES),
+        *(
+            (one, r"^parameters: .* is not allowed; a parameter file's name, a mapping of")
+            for one in NO_SOURCES
+        ),
         (
             ["healthy", {"femur.profile": "x.csv"}],
             r"femur\.profile: 'x\.csv' is not used; set femur\.geometry to profile",
@@ -247,11 +340,18 @@ MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
         ("xyz", rf"the package's own {LOAD}$"),
     ],
 }
-ALL = [(schema, *each) for table in (REFUSED, MISSING) for schema, cases in table.items() for each in cases]
+ALL = [
+    (schema, *each)
+    for table in (REFUSED, MISSING)
+    for schema, cases in table.items()
+    for each in cases
+]
 
 
 @pytest.mark.parametrize(("schema", "source", "words"), ALL)
-def test_what_is_not_allowed_is_refused_in_one_line(schema: type[NodeSection], source: Any, words: str) -> None:
+def test_what_is_not_allowed_is_refused_in_one_line(
+    schema: type[NodeSection], source: Any, words: str
+) -> None:
     with pytest.raises(UsageError, match=words) as caught:
         load_parameters(source, schema)
     assert "\n" not in str(caught.value)
@@ -262,13 +362,25 @@ def test_what_is_not_allowed_is_refused_in_one_line(schema: type[NodeSection], s
     [
         ("a: [", "not a YAML file"),
         ("- 1", "must map node names"),
-        ("other_node:\n  ros__parameters: {x: 1}", "no parameters for node knee_contact; found other_node"),
+        (
+            "other_node:\n  ros__parameters: {x: 1}",
+            "no parameters for node knee_contact; found other_node",
+        ),
         ("/**:\n  ros__parameters: {contact: {damping: -1.0}}", "contact.damping"),
         ("\xff", "unknown|map node names|YAML"),
-        ("/**:\n  ros__parameters:\n    femur.mass: 8\n    femur: {mass: 9.5}", r"femur\.mass is given twice$"),
+        (
+            "/**:\n  ros__parameters:\n    femur.mass: 8\n    femur: {mass: 9.5}",
+            r"femur\.mass is given twice$",
+        ),
         ("/**:\n  ros__parameters: {}\n/**:\n  ros__parameters: {}", r"/\*\* is given twice$"),
-        ("/**/knee_contact:\n  ros__parameters: [1]", r"ros__parameters must map names to values, got \[1\]"),
-        ("/**/knee_contact:\n  ros__parameters: 5", "ros__parameters must map names to values, got 5"),
+        (
+            "/**/knee_contact:\n  ros__parameters: [1]",
+            r"ros__parameters must map names to values, got \[1\]",
+        ),
+        (
+            "/**/knee_contact:\n  ros__parameters: 5",
+            "ros__parameters must map names to values, got 5",
+        ),
     ],
 )
 def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str) -> None:
@@ -280,7 +392,10 @@ def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str)
     assert "\n" not in str(caught.value)
 
 
-LEFT, LEG = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n", "/l/knee_load:\n  ros__parameters: "
+LEFT, LEG = (
+    "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n",
+    "/l/knee_load:\n  ros__parameters: ",
+)
 
 
 @pytest.mark.parametrize(
@@ -288,14 +403,36 @@ LEFT, LEG = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n"
     [
         (Parameters, "other_node:\n  ros__parameters: {x: 1}", ""),
         (Parameters, LEFT + "/right/knee_contact:\n  ros__parameters: {tibia.slope: 0.1}\n", ""),
-        (Parameters, LEFT + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n", r"parameter tibia\.slope: 0\.1 is not al"),
-        (Parameters, "/**:\n  ros__parameters: {tibia.slop: 0.1}\n", r"unknown parameter tibia\.slop"),
-        (LoadParameters, LEG + "{knee.joint_name: k}\n/r/knee_load:\n  ros__parameters: {knee.joint_name: q}\n", ""),
-        (LoadParameters, LEG + "{level: ankle_moment}\n", "parameter level: 'ankle_moment' is not allowed"),
-        (LoadParameters, "/**:\n  ros__parameters: {body_weight: 588.4}\n", "unknown parameter body_weight; "),
+        (
+            Parameters,
+            LEFT + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n",
+            r"parameter tibia\.slope: 0\.1 is not al",
+        ),
+        (
+            Parameters,
+            "/**:\n  ros__parameters: {tibia.slop: 0.1}\n",
+            r"unknown parameter tibia\.slop",
+        ),
+        (
+            LoadParameters,
+            LEG + "{knee.joint_name: k}\n/r/knee_load:\n  ros__parameters: {knee.joint_name: q}\n",
+            "",
+        ),
+        (
+            LoadParameters,
+            LEG + "{level: ankle_moment}\n",
+            "parameter level: 'ankle_moment' is not allowed",
+        ),
+        (
+            LoadParameters,
+            "/**:\n  ros__parameters: {body_weight: 588.4}\n",
+            "unknown parameter body_weight; ",
+        ),
     ],
 )
-def test_knees_may_share_a_file(tmp_path: Path, schema: type[NodeSection], content: str, words: str) -> None:
+def test_knees_may_share_a_file(
+    tmp_path: Path, schema: type[NodeSection], content: str, words: str
+) -> None:
     """What one knee has need not go with what another one has, but with what all have."""
     path = tmp_path / "knees.yaml"
     path.write_text(content)
@@ -324,15 +461,25 @@ def naming(values: dict[str, str], path: Path | str) -> dict[str, Any]:
         (PROFILE, "x,y\n0.1,0.2\n", "at least 4"),
         (PROFILE, "", "at least 4"),
         (PROFILE, None, "cannot read .*: No such file"),
-        (PLATEAU, "x,y\n0.0,0.0\n0.01,0.0\n0.005,0.0\n0.02,0.0\n", r"parameter tibia\.profile: .*curve\.csv: "),
+        (
+            PLATEAU,
+            "x,y\n0.0,0.0\n0.01,0.0\n0.005,0.0\n0.02,0.0\n",
+            r"parameter tibia\.profile: .*curve\.csv: ",
+        ),
         (TABLE, "flexion_angle,x\n0.0,0.0\n0.5\n", "two columns flexion_angle, x of numbers"),
         (TABLE, "0.0,0.0\n0.5,4.5\n", "0.1 m"),
         (TABLE, "0.5,0.0\n0.0,0.001\n", "increase"),
         (TABLE, "0.0,0.0\n", "2"),
-        (TABLE, "0,0.0\n30,0.0045\n60,0.0053\n", "reaches 60 rad; flexion angles must be in rad, not deg"),
+        (
+            TABLE,
+            "0,0.0\n30,0.0045\n60,0.0053\n",
+            "reaches 60 rad; flexion angles must be in rad, not deg",
+        ),
     ],
 )
-def test_bad_curves_are_refused(tmp_path: Path, values: dict[str, str], content: str | None, words: str) -> None:
+def test_bad_curves_are_refused(
+    tmp_path: Path, values: dict[str, str], content: str | None, words: str
+) -> None:
     path = tmp_path / "curve.csv"
     if content is not None:
         path.write_text(content)
@@ -344,9 +491,17 @@ def test_bad_curves_are_refused(tmp_path: Path, values: dict[str, str], content:
 
 
 @pytest.mark.parametrize("parameter", NAMED)
-def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(parameter: str, tmp_path: Path) -> None:
+def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(
+    parameter: str, tmp_path: Path
+) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for no_file in (tmp_path / "pipe", "/dev/zero", tmp_path, "a\0b", "~nobody_of_this_name/x.csv"):
+    for no_file in (
+        tmp_path / "pipe",
+        "/dev/zero",
+        tmp_path,
+        "a\0b",
+        "~nobody_of_this_name/x.csv",
+    ):
         with pytest.raises(UsageError, match=f"parameter {parameter}: cannot read"):
             knee_contact_ros.load_model(naming(NAMED[parameter], no_file))
     path = tmp_path / "curve.csv"
@@ -365,7 +520,9 @@ def test_no_file_is_opened_that_a_recording_names(
     """A pipe that is opened would never end. Of view and report: `tests/hostile`."""
     recording, pipe = tmp_path / "theirs.mcap", tmp_path / "pipe"
     os.mkfifo(pipe)
-    record = provenance_record(load_parameters({}), {}) | {"parameters": json.dumps(naming(PROFILE, pipe))}
+    record = provenance_record(load_parameters({}), {}) | {
+        "parameters": json.dumps(naming(PROFILE, pipe))
+    }
     recording_with(recording, right_bag, [("knee_contact", record)])
     how = ["solve", str(recording), "--output", str(tmp_path / "out.mcap")]
     assert main(how) == 2
@@ -379,12 +536,15 @@ def test_no_file_is_opened_that_a_recording_names(
 @pytest.mark.parametrize(
     "parameters", ['"/dev/zero"', '["/dev/zero"]', "[" * 100_000, '{"a": ' * 500 + "1" + "}" * 500]
 )
-def test_parameters_of_a_recording_are_names_and_values(parameters: str, right_bag: Path, tmp_path: Path) -> None:
+def test_parameters_of_a_recording_are_names_and_values(
+    parameters: str, right_bag: Path, tmp_path: Path
+) -> None:
     """A text or a list would be names of files."""
     record = provenance_record(load_parameters({}), {}) | {"parameters": parameters}
     recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
     with pytest.raises(
-        UsageError, match="its record knee_contact, which has the parameters, is damaged: give --params"
+        UsageError,
+        match="its record knee_contact, which has the parameters, is damaged: give --params",
     ):
         read_provenance(tmp_path / "theirs.mcap")
 
@@ -397,7 +557,9 @@ def test_parameters_of_a_recording_are_names_and_values(parameters: str, right_b
         ([0.01, 0.01], ""),
     ],
 )
-def test_a_femur_that_leaves_the_plateau_is_told(origin: list[float], words: str, tmp_path: Path) -> None:
+def test_a_femur_that_leaves_the_plateau_is_told(
+    origin: list[float], words: str, tmp_path: Path
+) -> None:
     """The arc's centre lies near the femur's origin, or far from it as of a mesh from a scanner."""
     turn = np.linspace(2.2, -0.3, 60)
     path = tmp_path / "curve.csv"

@@ -38,7 +38,10 @@ def part(force_y: float, moment_x: float, **load: Any) -> float:
 
 def answers_in(path: Path) -> list[bytes]:
     with path.open("rb") as file:
-        return [message.data for _, _, message in make_reader(file).iter_messages(topics=["/knee_contact"])]
+        return [
+            message.data
+            for _, _, message in make_reader(file).iter_messages(topics=["/knee_contact"])
+        ]
 
 
 def test_every_compartment_by_hand() -> None:
@@ -46,7 +49,9 @@ def test_every_compartment_by_hand() -> None:
     assert part(-1000.0, 12.0, compartment="fixed_share", share=0.6) == pytest.approx(600.0)
     # 500 N each, and 21 N m between two compartments 70 mm apart take 300 N from the medial one.
     assert part(-1000.0, 21.0, compartment="moment_balance") == pytest.approx(200.0)
-    assert part(-1000.0, -12.0, compartment="moment_balance", compartment_spacing=0.06) == pytest.approx(700.0)
+    assert part(
+        -1000.0, -12.0, compartment="moment_balance", compartment_spacing=0.06
+    ) == pytest.approx(700.0)
 
 
 def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
@@ -78,7 +83,12 @@ def test_a_split_that_no_knee_has_is_told_and_flagged(
 ) -> None:
     """Of gait2354's moments between compartments 40 mm apart; between the default 70 mm nothing is wrong."""
     output = tmp_path / "out.mcap"
-    balance = ["solve", str(right_bag.with_name(f"gait2354_{leg}")), "-p", "load.compartment:=moment_balance"]
+    balance = [
+        "solve",
+        str(right_bag.with_name(f"gait2354_{leg}")),
+        "-p",
+        "load.compartment:=moment_balance",
+    ]
     assert main([*balance, "--output", str(output)]) == 0
     said = capsys.readouterr()
     assert "share of the load" in said.out
@@ -89,11 +99,15 @@ def test_a_split_that_no_knee_has_is_told_and_flagged(
     flight, line = capsys.readouterr().err.splitlines()
     assert "above the tibia" in flight
     assert "load.compartment fixed_share needs no moment" in line
-    wrong = sum(float(line.split(f"{side} in ")[1].split(" %")[0]) for side in ("above 1", "below 0"))
+    wrong = sum(
+        float(line.split(f"{side} in ")[1].split(" %")[0]) for side in ("above 1", "below 0")
+    )
     assert wrong > 10.0
     answers = read_answers(output, "/knee_contact")
     flagged = (answers["status"] & Status.DOUBTFUL_LOAD) != 0
-    forces = [-m.message.wrench.force.y for m in read_bag(output, {"/joint_reaction_force": WRENCH})]
+    forces = [
+        -m.message.wrench.force.y for m in read_bag(output, {"/joint_reaction_force": WRENCH})
+    ]
     stands = np.array(forces) >= 0.5 * WEIGHT
     assert np.array_equal(flagged, stands & ((answers["load"] < 0.0) | (answers["load"] > forces)))
     assert 100.0 * flagged.sum() / stands.sum() == pytest.approx(wrong, abs=0.1)
@@ -112,25 +126,43 @@ def test_a_small_table_by_hand() -> None:
     assert rule.share(500.0, 0.0) == pytest.approx(0.6)
     assert rule.share(500.0, 0.5) == pytest.approx((0.5 + 0.7 + 0.3 + 1.0) / 4.0)
     assert rule.share(1000.0, 1.0) == 1.0  # all, to the last bit
-    assert rule.share(5000.0, -0.3) == rule.share(1000.0, 0.0) == pytest.approx(0.7)  # held at the edge
+    assert (
+        rule.share(5000.0, -0.3) == rule.share(1000.0, 0.0) == pytest.approx(0.7)
+    )  # held at the edge
     assert rule.share(-100.0, 3.0) == rule.share(0.0, 1.0) == pytest.approx(0.3)
-    assert [rule.beyond(*at) for at in ((500.0, 0.5), (1001.0, 0.5), (-1.0, 0.5), (500.0, 1.1))] == [
-        False, True, True, True,
-    ]  # fmt: skip
+    assert [
+        rule.beyond(*at) for at in ((500.0, 0.5), (1001.0, 0.5), (-1.0, 0.5), (500.0, 1.1))
+    ] == [
+        False,
+        True,
+        True,
+        True,
+    ]
 
 
 @given(axial=st.floats(-1e4, 1e5), flexion=st.floats(-6.3, 6.3))
-def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(axial: float, flexion: float) -> None:
+def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(
+    axial: float, flexion: float
+) -> None:
     rule = MeasuredShare(shipped(), WEIGHT)
-    assert rule.share(np.array([axial]), np.array([flexion])).tolist() == [rule.share(axial, flexion)]
+    assert rule.share(np.array([axial]), np.array([flexion])).tolist() == [
+        rule.share(axial, flexion)
+    ]
     assert 0.0 <= rule.share(axial, flexion) <= 1.0
-    assert rule.beyond(np.array([axial]), np.array([flexion])).tolist() == [rule.beyond(axial, flexion)]
+    assert rule.beyond(np.array([axial]), np.array([flexion])).tolist() == [
+        rule.beyond(axial, flexion)
+    ]
 
 
 def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
     lines = SMALL.splitlines()
-    for text in ("\n".join(lines[1:]), "# of nobody\n" + "\n".join([lines[0], *reversed(lines[1:])])):
-        for ours, first in zip(read_share_table("", text), read_share_table("", SMALL), strict=True):
+    for text in (
+        "\n".join(lines[1:]),
+        "# of nobody\n" + "\n".join([lines[0], *reversed(lines[1:])]),
+    ):
+        for ours, first in zip(
+            read_share_table("", text), read_share_table("", SMALL), strict=True
+        ):
             np.testing.assert_array_equal(ours, first)
 
 
@@ -142,10 +174,16 @@ def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
         ("0,0\n1,1\n", "three columns"),
         ("0,0,nan\n", "three columns"),
         ("0,0,0.5\n0,1\n", "three columns"),
-        ("0,0,0.5\n0,2,0.7\n60,0,0.3\n60,2,1\n", "reaches 60 rad; flexion angles must be in rad, not deg"),
+        (
+            "0,0,0.5\n0,2,0.7\n60,0,0.3\n60,2,1\n",
+            "reaches 60 rad; flexion angles must be in rad, not deg",
+        ),
         ("0,0,0.5\n0,1400,0.7\n1,0,0.3\n1,1400,1\n", "0 to 30 body weights, not N"),
         ("0,0,0.5\n0,2,0.7\n1,0,0.3\n1,2,1.01\n", "has a share of 1.01; allowed: 0 to 1"),
-        ("0,0,0.5\n0,2,0.7\n1,0,0.3\n1,2.5,0.4\n", "every one of its 2 angles needs every one of its 3 loads once"),
+        (
+            "0,0,0.5\n0,2,0.7\n1,0,0.3\n1,2.5,0.4\n",
+            "every one of its 2 angles needs every one of its 3 loads once",
+        ),
         ("0,0,0.5\n0,2,0.7\n1,0,0.3\n1,0,0.4\n", "every one of its 2 angles needs"),
         ("0,0,0.5\n0,2,0.7\n", "two or more flexion angles"),
         ("0,0,0.5\n" * 2001, "has 2001 points; at most 2000 are allowed"),

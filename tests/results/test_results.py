@@ -42,7 +42,11 @@ def test_they_are_the_same_record_array_with_more_to_it(results: Results) -> Non
 
 
 def test_parts_and_what_is_put_together_are_such_too(results: Results) -> None:
-    for part in (results[10:20], results[results.load > 700.0], pickle.loads(pickle.dumps(results))):  # noqa: S301
+    for part in (
+        results[10:20],
+        results[results.load > 700.0],
+        pickle.loads(pickle.dumps(results)),  # noqa: S301
+    ):
         assert isinstance(part, Results)
         assert len(part.time) == len(part)
     halves = [results[:40], results[40:]]
@@ -51,7 +55,9 @@ def test_parts_and_what_is_put_together_are_such_too(results: Results) -> None:
         assert repr(whole) == repr(results)
         assert (whole == results).all()
     assert type(np.concatenate([results.load, results.load])) is np.ndarray
-    assert repr(results.contact_point[:1]).startswith("rec.array([(")  # of NumPy: there is no time in it
+    assert repr(results.contact_point[:1]).startswith(
+        "rec.array([("
+    )  # of NumPy: there is no time in it
     some = results[["stamp", "load"]]
     assert "700." in repr(some)
     assert str(some)
@@ -64,7 +70,10 @@ def test_some_fields_are_some_columns_of_their_own(results: Results) -> None:
     assert (some["contact_point_x"] == results.contact_point.x).all()
     with pytest.raises(UsageError, match=r"^fields load: stamp must be one of them"):
         columns(results[["load"]])
-    with pytest.raises(UsageError, match=r"^fields stamp, load: plot also needs flexion_angle, contact_force, penetr"):
+    with pytest.raises(
+        UsageError,
+        match=r"^fields stamp, load: plot also needs flexion_angle, contact_force, penetr",
+    ):
         results[["stamp", "load"]].plot()
     numbers = columns(results)
     numbers["load"][:] = 0.0
@@ -73,7 +82,9 @@ def test_some_fields_are_some_columns_of_their_own(results: Results) -> None:
 
 
 def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
-    assert re.fullmatch(r"<Results: 100 ticks over 0\.495 s, at most \d+\.\d N and 0\.\d+ mm>", repr(results))
+    assert re.fullmatch(
+        r"<Results: 100 ticks over 0\.495 s, at most \d+\.\d N and 0\.\d+ mm>", repr(results)
+    )
     lines = str(results).splitlines()
     assert len(lines) == 1 + 3 + 4 + 1 + 4
     assert max(map(len, lines)) <= 78
@@ -91,16 +102,32 @@ def test_texts_are_short_and_a_wrong_name_suggests_the_right_one(right_bag: Path
     gait = knee_contact_ros.solve(right_bag)
     cohort = knee_contact_ros.sweep(right_bag, {"contact.damping": [1e3, 2e3]})
     sure = knee_contact_ros.uncertainty(right_bag, None, {"contact.stiffness": "20 %"})
-    things = [gait, gait[["stamp", "load"]], gait.readouts, cohort, cohort.outcomes, sure, sure.medial]
+    things = [
+        gait,
+        gait[["stamp", "load"]],
+        gait.readouts,
+        cohort,
+        cohort.outcomes,
+        sure,
+        sure.medial,
+    ]
     for thing in things:
         assert len(repr(thing).splitlines()) <= 20
     assert repr(cohort) == "<Cohort: 2 cases, 0 failed; varied: contact.damping 1000.0 to 2000.0>"
     assert re.search(
-        r"at the largest force 1614\.1 ± 0\.\d+ N, 0\.747 ± 0\.1\d* mm, one standard dev", repr(sure.medial)
+        r"at the largest force 1614\.1 ± 0\.\d+ N, 0\.747 ± 0\.1\d* mm, one standard dev",
+        repr(sure.medial),
     )
-    pairs = [(gait, "contact_forc"), (gait.readouts, "strian"), (cohort, "outcome"), (sure, "medail")]
+    pairs = [
+        (gait, "contact_forc"),
+        (gait.readouts, "strian"),
+        (cohort, "outcome"),
+        (sure, "medail"),
+    ]
     for thing, wrong in pairs:
-        with pytest.raises(AttributeError, match=r"did you mean (contact_force|strain|outcomes|medial)\?"):
+        with pytest.raises(
+            AttributeError, match=r"did you mean (contact_force|strain|outcomes|medial)\?"
+        ):
             getattr(thing, wrong)
 
 
@@ -109,7 +136,9 @@ def assert_whole(names: Any, column: Any, results: Results) -> None:
     flat = np.asarray(results).view(FLAT)
     assert list(names) == ["run", *(FLAT.names or ())]
     for name in FLAT.names or ():
-        assert np.asarray(column(name)).tobytes() == np.ascontiguousarray(flat[name]).tobytes(), name
+        assert np.asarray(column(name)).tobytes() == np.ascontiguousarray(flat[name]).tobytes(), (
+            name
+        )
 
 
 def test_pandas(results: Results) -> None:
@@ -143,14 +172,18 @@ def test_xarray_has_units(results: Results) -> None:
 
 
 def test_units_are_those_of_the_message() -> None:
-    fields = re.findall(r"^\w[\w/]+ (\w+) +# (?:\[(.+?)\])?", (ROOT / "msg" / "KneeContact.msg").read_text(), re.M)
+    fields = re.findall(
+        r"^\w[\w/]+ (\w+) +# (?:\[(.+?)\])?", (ROOT / "msg" / "KneeContact.msg").read_text(), re.M
+    )
     told = {name: unit for name, unit in fields if name != "header"}
     assert len(told) > 12
     assert {name: unit_of(name if name in FIELDS else f"{name}_x") for name in told} == told
     assert unit_of("contact_wrench_torque_z") == "N m"
 
 
-def test_the_figure_has_the_four_curves_and_stamps_of_today_count_from_the_first_one(results: Results) -> None:
+def test_the_figure_has_the_four_curves_and_stamps_of_today_count_from_the_first_one(
+    results: Results,
+) -> None:
     pytest.importorskip("matplotlib")
     figure = results.plot()
     flexion, force, depth, point = figure.axes
@@ -158,7 +191,9 @@ def test_the_figure_has_the_four_curves_and_stamps_of_today_count_from_the_first
     assert flexion.lines[0].get_ydata() == pytest.approx(np.degrees(results.flexion_angle))
     assert force.lines[1].get_ydata() == pytest.approx(results.contact_force)
     assert depth.lines[0].get_ydata() == pytest.approx(1e3 * results.penetration_depth)
-    assert point.lines[0].get_xydata() == pytest.approx(np.stack([results.time, 1e3 * results.contact_point.x]).T)
+    assert point.lines[0].get_xydata() == pytest.approx(
+        np.stack([results.time, 1e3 * results.contact_point.x]).T
+    )
     assert np.ptp(point.get_ylim()) > 1.99  # [mm] however little it moves
     assert {line.get_marker() for axes in results[:1].plot().axes for line in axes.lines} == {"o"}
     dated = results.copy()
@@ -191,7 +226,9 @@ for name, method, arguments in (
 
 
 def test_what_is_missing_is_said_in_a_line() -> None:
-    said = subprocess.run([sys.executable, "-c", ABSENT], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", ABSENT], capture_output=True, text=True, check=True
+    ).stdout
     names = ("pandas", "polars", "xarray", "matplotlib")
     for line, name in zip(said.splitlines(), names, strict=True):
         assert line.startswith(f"{name} is not installed; ")

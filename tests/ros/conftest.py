@@ -70,7 +70,9 @@ def graph() -> Iterator[None]:
 
 def own_words(errors: str) -> str:
     """What a program itself has said; Fast DDS tells of ports that two graphs want at once, and heals."""
-    return "".join(line for line in errors.splitlines(keepends=True) if "RTPS_TRANSPORT_SHM" not in line)
+    return "".join(
+        line for line in errors.splitlines(keepends=True) if "RTPS_TRANSPORT_SHM" not in line
+    )
 
 
 WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.commands.main import main; sys.exit(main())"
@@ -81,21 +83,31 @@ class NodeProcess:
     """`knee-contact node`, or another command that runs one, with its output."""
 
     def __init__(
-        self, *arguments: str, largest_file: int = resource.RLIM_INFINITY, without: str = "", kind: str = "node",
+        self,
+        *arguments: str,
+        largest_file: int = resource.RLIM_INFINITY,
+        without: str = "",
+        kind: str = "node",
         anew: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """`largest_file` [B] makes the disk look full, `without` a module look absent; `kind` is the command.
 
         It is forked, unless it is to begin `anew`: modules may read environment variables when they are imported.
         """
-        words, limited = [*kind.split(), "--ros-args", *arguments], largest_file != resource.RLIM_INFINITY
+        words, limited = (
+            [*kind.split(), "--ros-args", *arguments],
+            largest_file != resource.RLIM_INFINITY,
+        )
         self.process: Forked | subprocess.Popen[str]
         if anew or limited:
             command = ["-c", WITHOUT.format(without)] if without else ["-m", COMMAND]
             self.process = subprocess.Popen(
-                [*ENDS_WITH_US, sys.executable, *command, *words], text=True,
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=os.environ | (NO_BYTECODE if limited else {}),
-            )  # fmt: skip
+                [*ENDS_WITH_US, sys.executable, *command, *words],
+                text=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env=os.environ | (NO_BYTECODE if limited else {}),
+            )
         else:
             self.process = Forked(words, without)
         resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
@@ -136,7 +148,9 @@ class Peer:
         self.angle = self.node.create_publisher(JointState, joint_states, qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
         self.node.create_subscription(KneeContact, "knee_contact", self.contacts.append, qos)
-        self.node.create_subscription(WrenchStamped, "knee_contact/wrench", self.wrenches.append, qos)
+        self.node.create_subscription(
+            WrenchStamped, "knee_contact/wrench", self.wrenches.append, qos
+        )
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, qos)
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -183,7 +197,9 @@ class Peer:
 
     def send_angle(self, stamp: int, angle: float, joint: str = "knee") -> None:
         """Publish a flexion angle [rad] at a stamp [ns]."""
-        self.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle]))
+        self.angle.publish(
+            JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle])
+        )
 
     def send_force(self, stamp: int, axial: float, frame: str = "tibia_r") -> None:
         """Publish an axial compression [N] at a stamp [ns]."""
@@ -197,9 +213,13 @@ class Peer:
 
     def send_series(self) -> None:
         """Publish the little series and wait for its answers."""
-        for stamp, angle, axial in zip(STAMPS.tolist(), ANGLES.tolist(), AXIAL.tolist(), strict=True):
+        for stamp, angle, axial in zip(
+            STAMPS.tolist(), ANGLES.tolist(), AXIAL.tolist(), strict=True
+        ):
             self.send(stamp, angle, axial)
-        self.wait_until(lambda: len(self.contacts) == len(STAMPS) and len(self.wrenches) == len(STAMPS))
+        self.wait_until(
+            lambda: len(self.contacts) == len(STAMPS) and len(self.wrenches) == len(STAMPS)
+        )
 
 
 def raw(path: Path, topics: Iterable[str]) -> list[RawMessage]:
@@ -210,7 +230,9 @@ def raw(path: Path, topics: Iterable[str]) -> list[RawMessage]:
 
 def answers_in(path: Path) -> list[KneeContact]:
     """The answers in a recording."""
-    return [deserialize_message(message.data, KneeContact) for message in raw(path, [KNEE_CONTACT])]
+    return [
+        deserialize_message(message.data, KneeContact) for message in raw(path, [KNEE_CONTACT])
+    ]
 
 
 def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
@@ -222,7 +244,10 @@ def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
     futures, asked = [client.call_async(request)], time.monotonic()
 
     def is_answered() -> bool:
-        if service_type is GetState and time.monotonic() > asked + len(futures) * ACQUAINTANCE_WHEN_BUSY:
+        if (
+            service_type is GetState
+            and time.monotonic() > asked + len(futures) * ACQUAINTANCE_WHEN_BUSY
+        ):
             futures.append(client.call_async(request))
         return any(future.done() for future in futures)
 
@@ -236,11 +261,15 @@ def trigger(peer: Peer, name: str, node: str = "/knee_contact") -> tuple[bool, s
     return answer.success, answer.message
 
 
-def set_parameters(peer: Peer, values: Mapping[str, object], node: str = "/knee_contact") -> tuple[bool, str]:
+def set_parameters(
+    peer: Peer, values: Mapping[str, object], node: str = "/knee_contact"
+) -> tuple[bool, str]:
     """Set parameters of a node all at once."""
     changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
     request = SetParametersAtomically.Request(parameters=changes)
-    result = call(peer, SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
+    result = call(
+        peer, SetParametersAtomically, f"{node}/set_parameters_atomically", request
+    ).result
     return result.successful, result.reason
 
 
@@ -278,7 +307,9 @@ def start_node() -> Iterator[Start]:
 
     yield start
     for node in started:
-        if node.process.poll() is None:  # a test has failed: neither the node nor what it has started is left
+        if (
+            node.process.poll() is None
+        ):  # a test has failed: neither the node nor what it has started is left
             for child in psutil.Process(node.process.pid).children(recursive=True):
                 child.kill()
             node.process.kill()

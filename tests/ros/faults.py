@@ -23,7 +23,11 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.managed_node import MEANINGLESS
 from knee_contact_ros.streams.messages import JointState as Joints
-from knee_contact_ros.streams.messages import WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import STEP, Peer, call, change_state, set_parameters, trigger
 
@@ -91,11 +95,15 @@ class Fault(NamedTuple):
 
 
 def joints(peer: Peer, stamp: int, names: list[str], position: list[float]) -> None:
-    peer.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=names, position=position))
+    peer.angle.publish(
+        JointState(header=header(RosMessages, stamp, ""), name=names, position=position)
+    )
 
 
 def force_bytes(stamp: int, axial: float) -> bytes:
-    return encode_wrench_stamped(WrenchStamped(stamp, "tibia_r", (0.0, -axial, 0.0), (0.0, 0.0, 0.0)))
+    return encode_wrench_stamped(
+        WrenchStamped(stamp, "tibia_r", (0.0, -axial, 0.0), (0.0, 0.0, 0.0))
+    )
 
 
 def times(number: int, inject: Callable[[Peer, int], object]) -> Callable[[Peer, int], None]:
@@ -137,7 +145,10 @@ def refused_parameters(peer: Peer, _stamp: int) -> None:
 def unfit_transitions(peer: Peer, _stamp: int) -> None:
     """Such as to configure what is active, or what there is not."""
     for transition in (*range(10), 99, 255):
-        if transition not in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
+        if transition not in (
+            Transition.TRANSITION_DEACTIVATE,
+            Transition.TRANSITION_ACTIVE_SHUTDOWN,
+        ):
             assert not change_state(peer, transition)
     labelled = ChangeState.Request(transition=Transition(label="dance"))
     assert not call(peer, ChangeState, "/knee_contact/change_state", labelled).success
@@ -181,25 +192,35 @@ def clock_jump(peer: Peer, _stamp: int) -> None:
 
 def stalled_subscriber(peer: Peer, _stamp: int) -> None:
     """Somebody else listens, reliably, and then reads no more."""
-    listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True)
+    listener = subprocess.Popen(
+        [sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True
+    )
     assert listener.stdout
     assert listener.stdout.readline() == "listening\n"
     listener.send_signal(signal.SIGSTOP)
     peer.stalled.append(listener)
 
 
-def other_publisher(reliability: ReliabilityPolicy, angle: float, ahead: int) -> Callable[[Peer, int], None]:
+def other_publisher(
+    reliability: ReliabilityPolicy, angle: float, ahead: int
+) -> Callable[[Peer, int], None]:
     """Somebody else publishes angles, too: one, so much ahead [ns]."""
 
     def join(peer: Peer, stamp: int) -> None:
         node = Node("other")
-        publisher = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10, reliability=reliability))
+        publisher = node.create_publisher(
+            JointState, "joint_states", QoSProfile(depth=10, reliability=reliability)
+        )
         told = reliability.name.lower().replace("_", " ")
         state = peer.diagnostics
-        peer.wait_until(lambda: state.get("knee_contact: joint_states", {}).get("reliability") == told)
+        peer.wait_until(
+            lambda: state.get("knee_contact: joint_states", {}).get("reliability") == told
+        )
         for each in (publisher, peer.angle):
             peer.wait_until(each.get_subscription_count)
-        publisher.publish(encode_joint_state(Joints(stamp + ahead, "", ("knee",), (angle,), (), ())))
+        publisher.publish(
+            encode_joint_state(Joints(stamp + ahead, "", ("knee",), (angle,), (), ()))
+        )
         peer.spin(0.2)
         node.destroy_node()
 
@@ -234,35 +255,126 @@ FAULTS = [
     Fault("force infinite", lambda p, t: p.send_force(t, INF), ("not_finite",), REJECTED),
     Fault("angle beyond 10 rad", lambda p, t: p.send_angle(t, 57.3), ("out_of_range",), REJECTED),
     Fault("force beyond 1e6 N", lambda p, t: p.send_force(t, 2e6), ("out_of_range",), REJECTED),
-    Fault("joint missing", lambda p, t: p.send_angle(t, 0.2, joint="elbow"), ("joint_missing",), REJECTED),
-    Fault("fewer positions than names", lambda p, t: joints(p, t, ["hip", "knee"], [0.1]), ("lengths_differ",),
-          REJECTED),
+    Fault(
+        "joint missing",
+        lambda p, t: p.send_angle(t, 0.2, joint="elbow"),
+        ("joint_missing",),
+        REJECTED,
+    ),
+    Fault(
+        "fewer positions than names",
+        lambda p, t: joints(p, t, ["hip", "knee"], [0.1]),
+        ("lengths_differ",),
+        REJECTED,
+    ),
     Fault("empty joint state", lambda p, t: joints(p, t, [], []), ("joint_missing",), REJECTED),
-    Fault("angle doubled", lambda p, t: p.send_angle(t - STEP // 2, 0.9), ("angle_not_in_order",), REJECTED),
-    Fault("force doubled", lambda p, t: p.send_force(t - STEP // 2, 9.0), ("load_not_in_order",), REJECTED),
-    Fault("angle stamp ahead", lambda p, t: p.send_angle(t + SECOND // 5, 0.9), ("angle_off_time",), REJECTED),
-    Fault("force stamp ahead", lambda p, t: p.send_force(t + SECOND // 5, 9.0), ("load_off_time",), REJECTED),
-    Fault("angle stamp a little ahead", lambda p, t: p.send_angle(t + 8 * STEP, 0.9), ("angle_off_time",), REJECTED),
-    Fault("angle stamp behind", lambda p, t: p.send_angle(t - SECOND // 5, 0.9), ("angle_off_time",), REJECTED),
-    Fault("force stamp behind", lambda p, t: p.send_force(t - SECOND // 5, 9.0), ("load_off_time",), REJECTED),
+    Fault(
+        "angle doubled",
+        lambda p, t: p.send_angle(t - STEP // 2, 0.9),
+        ("angle_not_in_order",),
+        REJECTED,
+    ),
+    Fault(
+        "force doubled",
+        lambda p, t: p.send_force(t - STEP // 2, 9.0),
+        ("load_not_in_order",),
+        REJECTED,
+    ),
+    Fault(
+        "angle stamp ahead",
+        lambda p, t: p.send_angle(t + SECOND // 5, 0.9),
+        ("angle_off_time",),
+        REJECTED,
+    ),
+    Fault(
+        "force stamp ahead",
+        lambda p, t: p.send_force(t + SECOND // 5, 9.0),
+        ("load_off_time",),
+        REJECTED,
+    ),
+    Fault(
+        "angle stamp a little ahead",
+        lambda p, t: p.send_angle(t + 8 * STEP, 0.9),
+        ("angle_off_time",),
+        REJECTED,
+    ),
+    Fault(
+        "angle stamp behind",
+        lambda p, t: p.send_angle(t - SECOND // 5, 0.9),
+        ("angle_off_time",),
+        REJECTED,
+    ),
+    Fault(
+        "force stamp behind",
+        lambda p, t: p.send_force(t - SECOND // 5, 9.0),
+        ("load_off_time",),
+        REJECTED,
+    ),
     Fault("angle stamps of a year to come", far_ahead, 3 * ("angle_off_time",), REJECTED),
-    Fault("angle late", lambda p, t: p.send_angle(t - 2 * STEP, 0.9), ("angle_not_in_order",), REJECTED),
-    Fault("force late", lambda p, t: p.send_force(t - 2 * STEP, 9.0), ("load_not_in_order",), REJECTED),
-    Fault("bytes that are no message", lambda p, t: p.angle.publish(b"\x00\x01\x00\x00nonsense"), ("undecodable",),
-          REJECTED),
-    Fault("truncated message", lambda p, t: p.force.publish(force_bytes(t, 1.0)[:-9]), ("undecodable",), REJECTED),
-    Fault("stamp before 1970", lambda p, t: p.force.publish(struct.pack("<4siI", b"\x00\x01\x00\x00", -5, 0)
-                                                            + force_bytes(t, 1.0)[12:]), ("bad_stamp",), REJECTED),
+    Fault(
+        "angle late",
+        lambda p, t: p.send_angle(t - 2 * STEP, 0.9),
+        ("angle_not_in_order",),
+        REJECTED,
+    ),
+    Fault(
+        "force late",
+        lambda p, t: p.send_force(t - 2 * STEP, 9.0),
+        ("load_not_in_order",),
+        REJECTED,
+    ),
+    Fault(
+        "bytes that are no message",
+        lambda p, t: p.angle.publish(b"\x00\x01\x00\x00nonsense"),
+        ("undecodable",),
+        REJECTED,
+    ),
+    Fault(
+        "truncated message",
+        lambda p, t: p.force.publish(force_bytes(t, 1.0)[:-9]),
+        ("undecodable",),
+        REJECTED,
+    ),
+    Fault(
+        "stamp before 1970",
+        lambda p, t: p.force.publish(
+            struct.pack("<4siI", b"\x00\x01\x00\x00", -5, 0) + force_bytes(t, 1.0)[12:]
+        ),
+        ("bad_stamp",),
+        REJECTED,
+    ),
     Fault("time jumps ahead", nothing, status=Status.STALE_INPUT, shift=1000 * SECOND),
-    Fault("angle stamps stand still", times(5, lambda p, t: p.send_angle(t - STEP // 2, 0.9)),
-          5 * ("angle_not_in_order",), REJECTED),
-    Fault("stamp not set", times(2, lambda p, _: p.send_angle(0, 0.9)), ("angle_off_time", "no_stamp"), REJECTED),
-    Fault("one wrong stamp in both streams at once", lambda p, t: p.send(t - 100 * SECOND, 0.9, 9.0),
-          ("angle_off_time", "load_off_time"), REJECTED),
-    Fault("second publisher with its own clock", other_publisher(RELIABLE, 0.9, 60 * SECOND),
-          ("angle_off_time",), REJECTED),
+    Fault(
+        "angle stamps stand still",
+        times(5, lambda p, t: p.send_angle(t - STEP // 2, 0.9)),
+        5 * ("angle_not_in_order",),
+        REJECTED,
+    ),
+    Fault(
+        "stamp not set",
+        times(2, lambda p, _: p.send_angle(0, 0.9)),
+        ("angle_off_time", "no_stamp"),
+        REJECTED,
+    ),
+    Fault(
+        "one wrong stamp in both streams at once",
+        lambda p, t: p.send(t - 100 * SECOND, 0.9, 9.0),
+        ("angle_off_time", "load_off_time"),
+        REJECTED,
+    ),
+    Fault(
+        "second publisher with its own clock",
+        other_publisher(RELIABLE, 0.9, 60 * SECOND),
+        ("angle_off_time",),
+        REJECTED,
+    ),
     Fault("no content", lambda p, _: p.angle.publish(b"\0\1\0\0"), ("undecodable",), REJECTED),
-    Fault("force in another frame", lambda p, t: p.send_force(t, 700.0, frame="tibia_l"), ("frame_changed",), REJECTED),
+    Fault(
+        "force in another frame",
+        lambda p, t: p.send_force(t, 700.0, frame="tibia_l"),
+        ("frame_changed",),
+        REJECTED,
+    ),
     Fault("streams pause", nothing, status=Status.STALE_INPUT, shift=SECOND // 2),
     Fault("time jumps back", nothing, status=Status.TIME_RESET, shift=-SECOND // 2),
     Fault("angle lost", lost_angle),
@@ -278,5 +390,7 @@ FAULTS = [
     Fault("signals that mean nothing", signalled),
     Fault("node frozen", frozen),
     Fault("subscriber stops reading", stalled_subscriber),
-    Fault("best-effort publisher joins", other_publisher(ReliabilityPolicy.BEST_EFFORT, BETWEEN, 0)),
-]  # fmt: skip
+    Fault(
+        "best-effort publisher joins", other_publisher(ReliabilityPolicy.BEST_EFFORT, BETWEEN, 0)
+    ),
+]

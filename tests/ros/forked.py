@@ -17,11 +17,26 @@ COMMAND = "knee_contact_ros.commands.main"
 PROCESSES = multiprocessing.get_context("forkserver")
 """Imports are most of what a node's start costs: one process has imported what all of them need, and forks. Nothing of
 ROS is imported there, as its libraries begin threads"""
-PROCESSES.set_forkserver_preload([
-    "pytest", "yaml", "rich.progress", "tests.ros.forked", COMMAND, *(f"knee_contact_ros.{name}" for name in (
-        "bags.recorder", "commands.live", "model.compiler", "streams.load_stream", "streams.contact_stream",
-        "view.anatomy"))
-])  # fmt: skip
+PROCESSES.set_forkserver_preload(
+    [
+        "pytest",
+        "yaml",
+        "rich.progress",
+        "tests.ros.forked",
+        COMMAND,
+        *(
+            f"knee_contact_ros.{name}"
+            for name in (
+                "bags.recorder",
+                "commands.live",
+                "model.compiler",
+                "streams.load_stream",
+                "streams.contact_stream",
+                "view.anatomy",
+            )
+        ),
+    ]
+)
 DEATH_SIGNAL = 1
 """Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""
 
@@ -47,7 +62,9 @@ class Forked:
     def __init__(self, words: list[str], without: str) -> None:
         with NamedTemporaryFile(delete=False) as log:
             self._log = Path(log.name)
-        self._process = PROCESSES.Process(target=forked, args=(words, without, dict(os.environ), self._log))
+        self._process = PROCESSES.Process(
+            target=forked, args=(words, without, dict(os.environ), self._log)
+        )
         self._process.start()
         self.pid = int(self._process.pid or 0)
 

@@ -35,7 +35,9 @@ class Loop:
         self.commands: list[float] = []
         """Torques [N m]"""
         self._due = 0.0
-        peer.node.create_subscription(Float64MultiArray, COMMANDS, self._on_command, QoSProfile(depth=1000))
+        peer.node.create_subscription(
+            Float64MultiArray, COMMANDS, self._on_command, QoSProfile(depth=1000)
+        )
 
     def _on_command(self, message: Float64MultiArray) -> None:
         self.commands.append(message.data[0])
@@ -48,7 +50,9 @@ class Loop:
     def wait_for_both(self) -> None:
         """Wait until node and companion listen and speak."""
         self.peer.wait_for_node()
-        self.peer.wait_until(lambda: self.peer.node.count_subscribers("knee_contact") == 2 and self.commands)
+        self.peer.wait_until(
+            lambda: self.peer.node.count_subscribers("knee_contact") == 2 and self.commands
+        )
 
     def send(self, axial: float) -> None:
         """Publish a sample when it is due."""
@@ -72,7 +76,9 @@ def companion() -> Iterator[subprocess.Popen[str]]:
     arguments = ["--params-file", str(PARAMETERS)]
     for setting in ("rise_rate:=100.0", "fall_rate:=100.0", "timeout:=0.5"):
         arguments += ["-p", setting]
-    process = subprocess.Popen([sys.executable, EXAMPLE, "--ros-args", *arguments], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, EXAMPLE, "--ros-args", *arguments], stderr=subprocess.PIPE, text=True
+    )
     yield process
     process.kill()
     process.wait()
@@ -94,7 +100,9 @@ def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_mu
     loop: Loop, companion: subprocess.Popen[str]
 ) -> None:
     """Above the limit; where the stream jumps or stops; and at the end."""
-    assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(companion.pid))} == {"127.0.0.1"}
+    assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(companion.pid))} == {
+        "127.0.0.1"
+    }
     loop.send_until(HIGH, lambda: loop.torque == 0.0)
     loop.send_until(LOW, lambda: loop.torque == 10.0)
     loop.stamp += 200 * STEP  # the node will flag STALE_INPUT
@@ -110,7 +118,11 @@ def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_mu
     companion.send_signal(signal.SIGTERM)  # a demo ends it by SIGINT
     loop.send_until(LOW, lambda: companion.poll() is not None)
     loop.peer.wait_until(lambda: loop.torque == 0.0)
-    falling = loop.commands[-loop.commands[::-1].index(10.0) :] if 10.0 in loop.commands else loop.commands
+    falling = (
+        loop.commands[-loop.commands[::-1].index(10.0) :]
+        if 10.0 in loop.commands
+        else loop.commands
+    )
     assert falling == sorted(falling, reverse=True)
     assert 0.0 < falling[0] < 10.0
     assert companion.returncode == 0
@@ -123,4 +135,7 @@ def test_a_bad_parameter_ends_it_with_one_line() -> None:
     command = [sys.executable, EXAMPLE, "--ros-args", "-p", "fall_rate:=-1.0"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
-    assert own_words(done.stderr) == "assist_as_needed: fall_rate: -1.0 is not allowed; it should be a number > 0\n"
+    assert (
+        own_words(done.stderr)
+        == "assist_as_needed: fall_rate: -1.0 is not allowed; it should be a number > 0\n"
+    )

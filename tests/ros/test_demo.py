@@ -32,7 +32,11 @@ TIMEOUT = 400  # two nodes on a new machine compile first
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=TIMEOUT, check=False
+        [*COMMAND, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
     )
 
 
@@ -46,29 +50,45 @@ def addresses(process: psutil.Process) -> set[str]:
     return {socket.laddr.ip for socket in internet_sockets(process)}
 
 
-def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path, config: Path) -> None:
+def test_two_demos_at_once_give_what_solve_gives(
+    tmp_path: Path, right_bag: Path, config: Path
+) -> None:
     """One beside a companion, which gives way and whose log is kept; the other one of a bag with bad samples."""
     rows = [(i * 5_000_000, 0.1, float("nan") if i in (3, 7) else 800.0) for i in range(40)]
     bag = make_bag(tmp_path / "in" / "bag.mcap", rows)
     knee = "healthy.yaml"
-    options = {"companion": ["--companion"], "refused": ["--bag", bag, "--params", "osteoarthritis.yaml"]}
+    options = {
+        "companion": ["--companion"],
+        "refused": ["--bag", bag, "--params", "osteoarthritis.yaml"],
+    }
     demos = {
         name: subprocess.Popen(
             [*COMMAND, "demo", *more, "--output", tmp_path / name],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         for name, more in options.items()
-    }  # fmt: skip
+    }
     said = {}
     for name, demo in demos.items():
         said[name], errors = demo.communicate(timeout=TIMEOUT)
         assert demo.returncode == 0, errors
         assert own_words(errors) == ""  # no progress bar in a pipe
         assert "Open the scene" not in said[name]  # nobody is asked in a pipe
-        results = sorted(str(path.relative_to(tmp_path / name)) for path in (tmp_path / name).rglob("*"))
-        expected = ["node.log", "recording", "recording/metadata.yaml", "recording/recording_0.mcap"]
+        results = sorted(
+            str(path.relative_to(tmp_path / name)) for path in (tmp_path / name).rglob("*")
+        )
+        expected = [
+            "node.log",
+            "recording",
+            "recording/metadata.yaml",
+            "recording/recording_0.mcap",
+        ]
         optional = (
-            ["companion.log"] * (name == "companion") + ["knee.png"] * HAS_PICTURE + ["knee_contact.rrd"] * HAS_VIEWER
+            ["companion.log"] * (name == "companion")
+            + ["knee.png"] * HAS_PICTURE
+            + ["knee_contact.rrd"] * HAS_VIEWER
         )
         assert results == [*optional, *expected]
     output, folder = said["companion"], tmp_path / "companion"
@@ -85,11 +105,15 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path
     assert recorded(tmp_path / "solved.mcap") == recorded(folder / "recording")
     torque = re.search(r"assist torque +([0-9.]+) N m, lowered to ([0-9.]+) N m", output)
     assert torque
-    assert 10.0 >= float(torque[1]) > float(torque[2])  # how far it falls depends on the machine's load
+    assert (
+        10.0 >= float(torque[1]) > float(torque[2])
+    )  # how far it falls depends on the machine's load
     log = (folder / "companion.log").read_text()
     times = log.count("giving way: the contact force is above 1400 N")
     pauses = log.count("no answer for 0.1 s") - 1  # the first one: before the first answer
-    assert 2 <= times <= 2 + pauses  # once a stance, and once more after a busy machine's pause amid it
+    assert (
+        2 <= times <= 2 + pauses
+    )  # once a stance, and once more after a busy machine's pause amid it
 
     words = " ".join(said["refused"].split())
     assert "ticks 38 over 0.20 s dropped 2" in words
@@ -102,7 +126,12 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path: Path, right_bag: Path
 def estimated(sensors_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What `estimate-load` makes of the sensors' bag."""
     path = tmp_path_factory.mktemp("estimated") / "loads.mcap"
-    assert main(["estimate-load", str(sensors_bag), "--params", "load/gait2354", "--output", str(path)]) == 0
+    assert (
+        main(
+            ["estimate-load", str(sensors_bag), "--params", "load/gait2354", "--output", str(path)]
+        )
+        == 0
+    )
     return path
 
 
@@ -119,30 +148,54 @@ def test_from_sensors_the_companions_torque_assists_the_knee_that_it_listens_to(
     assert told
     assert float(told[1]) < 800.0
     assert "warning people change how much they co-contract when" in words
-    assert "giving way: the contact force is above 700 N" in (tmp_path / "companion.log").read_text()
+    assert (
+        "giving way: the contact force is above 700 N" in (tmp_path / "companion.log").read_text()
+    )
     types = {f"/{LOAD_ESTIMATE}": MESSAGE_TYPES[LOAD_ESTIMATE]}
     live = [m.message for m in read_bag(tmp_path / LOADS, types)]
     torque = re.search(r"assist torque ([0-9.]+) N m", words)
     assert torque
-    assert max(one.assistance for one in live) == pytest.approx(float(torque[1]), abs=0.3)  # 0.2 N m at 200 Hz
+    assert max(one.assistance for one in live) == pytest.approx(
+        float(torque[1]), abs=0.3
+    )  # 0.2 N m at 200 Hz
     alone = [m.message for m in read_bag(estimated, types)]
-    pairs = [(one, other) for one, other in zip(alone, live, strict=True) if other.assistance > 0.0]
+    pairs = [
+        (one, other) for one, other in zip(alone, live, strict=True) if other.assistance > 0.0
+    ]
     assert len(pairs) > 20
     less = [one.knee_moment - other.knee_moment - other.assistance for one, other in pairs]
     assert less == pytest.approx([0.0] * len(less), abs=1e-9)
     changes = [one.axial_force - other.axial_force for one, other in pairs]
-    assert max(changes) > 10.0 and min(changes) < -10.0  # where extensors are needed, and where they are not  # noqa: PT018
+    assert (  # noqa: PT018
+        max(changes) > 10.0 and min(changes) < -10.0
+    )  # where extensors are needed, and where they are not
     assert main(["solve", str(tmp_path / LOADS), "--output", str(tmp_path / "contact.mcap")]) == 0
     assert recorded(tmp_path / "recording") == recorded(tmp_path / "contact.mcap")
 
 
-def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(tmp_path: Path) -> None:
+def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
+    tmp_path: Path,
+) -> None:
     output, nodes = tmp_path / "out", 2
-    command = [*COMMAND, "demo", "--from-sensors", "--companion", "--rate", "0.1", "--output", output]
+    command = [
+        *COMMAND,
+        "demo",
+        "--from-sensors",
+        "--companion",
+        "--rate",
+        "0.1",
+        "--output",
+        output,
+    ]
     demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline, processes = time.monotonic() + TIMEOUT, [psutil.Process(demo.pid)]
-    all_of_them = 2 + 2 * nodes + HAS_VIEWER  # with companion, nodes and their recorders, and viewer
-    while len(list(output.glob(".incomplete-*/*recording/*.partial"))) < nodes or len(processes) < all_of_them:
+    all_of_them = (
+        2 + 2 * nodes + HAS_VIEWER
+    )  # with companion, nodes and their recorders, and viewer
+    while (
+        len(list(output.glob(".incomplete-*/*recording/*.partial"))) < nodes
+        or len(processes) < all_of_them
+    ):
         assert time.monotonic() < deadline
         time.sleep(0.1)
         processes[1:] = processes[0].children(recursive=True)
@@ -152,8 +205,9 @@ def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(t
         time.sleep(0.1)
     time.sleep(1.0)
     assert sorted(map(sorted, map(addresses, processes))) == [
-        *[[]] * (nodes + HAS_VIEWER), *[["127.0.0.1"]] * (2 + nodes)
-    ]  # fmt: skip
+        *[[]] * (nodes + HAS_VIEWER),
+        *[["127.0.0.1"]] * (2 + nodes),
+    ]
     demo.send_signal(signal.SIGINT)
     printed, errors = demo.communicate(timeout=TIMEOUT)
     assert demo.returncode == 130

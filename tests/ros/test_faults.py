@@ -25,7 +25,14 @@ from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angl
 SHARE = 0.5
 WAIT = 7.0
 """How long [s] a force waits for its angle: what a burst has lost Fast DDS sends again with a heartbeat, every 3 s"""
-FIELDS = ("contact_force", "penetration_depth", "gap", "penetration_rate", "femoral_height", "error_estimate")
+FIELDS = (
+    "contact_force",
+    "penetration_depth",
+    "gap",
+    "penetration_rate",
+    "femoral_height",
+    "error_estimate",
+)
 
 
 class Running:
@@ -71,12 +78,19 @@ def listening(one_peer: Peer) -> Iterator[Peer]:
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_a_fault_costs_nothing_but_the_faulty_sample(listening: Peer, running: Running, fault: Fault) -> None:
+def test_a_fault_costs_nothing_but_the_faulty_sample(
+    listening: Peer, running: Running, fault: Fault
+) -> None:
     peer, begin = listening, running.begin
     first = [Sample(begin + i * STEP, angle_at(i), 800.0 + 40.0 * i) for i in range(HALF)]
     first[0] = first[0]._replace(status=Status.TIME_RESET)
     after = [
-        Sample(begin + i * STEP + fault.shift, angle_at(i), 800.0 + 40.0 * i, fault.status if i == HALF else OK)
+        Sample(
+            begin + i * STEP + fault.shift,
+            angle_at(i),
+            800.0 + 40.0 * i,
+            fault.status if i == HALF else OK,
+        )
         for i in range(HALF, 2 * HALF)
     ]
     send(peer, first)
@@ -84,7 +98,9 @@ def test_a_fault_costs_nothing_but_the_faulty_sample(listening: Peer, running: R
     peer.spin(0.05)  # nothing orders the samples of two topics
     send(peer, after, already=len(first) + len(extra))
     expected = [*first, *extra, *after]
-    assert [stamp_to_ns(contact.header.stamp) for contact in peer.contacts] == [sample.stamp for sample in expected]
+    assert [stamp_to_ns(contact.header.stamp) for contact in peer.contacts] == [
+        sample.stamp for sample in expected
+    ]
     assert [contact.status for contact in peer.contacts] == [sample.status for sample in expected]
     model = load_model({})
     stream = model.stream()
@@ -92,7 +108,9 @@ def test_a_fault_costs_nothing_but_the_faulty_sample(listening: Peer, running: R
         if sample.status & Status.TIME_RESET:
             stream = model.stream()
         alone = stream.tick_ns(sample.stamp, sample.angle, SHARE * sample.axial)
-        assert [getattr(contact, name) for name in FIELDS] == [getattr(alone, name) for name in FIELDS]
+        assert [getattr(contact, name) for name in FIELDS] == [
+            getattr(alone, name) for name in FIELDS
+        ]
     law = AssistLaw(Settings())
     for contact, sample in zip(peer.contacts, expected, strict=True):
         law.hear(0.0, contact.contact_force, contact.status, contact.error_estimate)
@@ -115,7 +133,9 @@ def test_all_that_was_refused_is_counted(listening: Peer, running: Running) -> N
     expected = {reason: str(count) for reason, count in running.refused.items()}
     expected["total"] = str(running.refused.total())
     peer = listening
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: refused samples") == expected)  # once a second
+    peer.wait_until(
+        lambda: peer.diagnostics.get("knee_contact: refused samples") == expected
+    )  # once a second
     assert peer.diagnostics["knee_contact: answers"]["not usable"] == str(running.unusable)
 
 
@@ -128,7 +148,11 @@ ENTRIES = {"pairing", "reliability"}
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_the_documented_table_says_what_a_fault_costs(fault: Fault) -> None:
     page = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:2] == "| "]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in page.splitlines()
+        if line[:2] == "| "
+    ]
     ((_, lost, status, counters),) = [row for row in rows if row[0] == fault.name]
     assert lost
     told = OF_ITSELF.get(fault.name, Status(fault.status))

@@ -51,7 +51,11 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
     told: list[Transform] = []
     peer.node.create_subscription(
-        messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True
+        messages.TFMessage,
+        "/tf_static",
+        lambda data: told.extend(decode_transforms(data)),
+        LATCHED,
+        raw=True,
     )
     recording = tmp_path / "live.mcap"
     node = start_node("-p", "frame.tibia:=shank_isb", "-p", f"record.path:={recording}")
@@ -72,11 +76,15 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
         peer.spin(0.05)
         stamp += STEP
     assert peer.contacts[0].header.frame_id == peer.wrenches[0].header.frame_id == "shank_isb"
-    assert peer.contacts[0].load == pytest.approx(350.0, abs=1e-9)  # one rotation's rounding of 700 N
+    assert peer.contacts[0].load == pytest.approx(
+        350.0, abs=1e-9
+    )  # one rotation's rounding of 700 N
     answered, told_before = len(peer.contacts), refused(peer, "frame_changed")
     send_force(peer, stamp, "shank", (0.0, 0.0, -700.0))
     peer.wait_until(lambda: refused(peer, "frame_changed") == told_before + 1)
-    publisher.publish(encode_transform(upside_down._replace(rotation=(0.0, 0.0, 0.0, 0.0)), 0))  # no rotation
+    publisher.publish(
+        encode_transform(upside_down._replace(rotation=(0.0, 0.0, 0.0, 0.0)), 0)
+    )  # no rotation
     for _ in range(3):
         peer.send_angle(stamp, 0.1)
         send_force(peer, stamp, "load_cell", (0.0, 0.0, 700.0))
@@ -90,29 +98,43 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     assert how is not None
     solve(recording, how, tmp_path / "again.mcap", lambda *_: None)
     paths = (tmp_path / "again.mcap", recording)
-    again, live = ([deserialize_message(data, KneeContact) for data in answers(path)] for path in paths)
+    again, live = (
+        [deserialize_message(data, KneeContact) for data in answers(path)] for path in paths
+    )
     for one in live:
         one.status &= ~Status.INPUT_REJECTED  # what was refused is not recorded
     assert again == live
 
 
 def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    messages = pytest.importorskip("control_msgs.msg", reason="the package control_msgs is not installed")
+    messages = pytest.importorskip(
+        "control_msgs.msg", reason="the package control_msgs is not installed"
+    )
     try:
         messages.DynamicJointState.__class__.__import_type_support__()
     except Exception as error:  # rosidl's own, where a package that it needs is missing
         pytest.skip(f"control_msgs cannot be used: {error}")
-    publisher = peer.node.create_publisher(messages.DynamicJointState, "dynamic_joint_states", QoSProfile(depth=1000))
-    node = start_node("-p", "knee.source:=dynamic_joint_states", "-p", f"record.path:={tmp_path / 'live.mcap'}")
+    publisher = peer.node.create_publisher(
+        messages.DynamicJointState, "dynamic_joint_states", QoSProfile(depth=1000)
+    )
+    node = start_node(
+        "-p", "knee.source:=dynamic_joint_states", "-p", f"record.path:={tmp_path / 'live.mcap'}"
+    )
     peer.wait_until(publisher.get_subscription_count)
     peer.wait_until(peer.force.get_subscription_count)
     publisher.publish(b"\0\1\0\0\xff")
     for i in range(20):
-        publisher.publish(bytes(STORE.serialize_cdr(dynamic(i * STEP, 0.01 * i, 0.0), DYNAMIC_JOINT_STATE)))
+        publisher.publish(
+            bytes(STORE.serialize_cdr(dynamic(i * STEP, 0.01 * i, 0.0), DYNAMIC_JOINT_STATE))
+        )
         send_force(peer, i * STEP, "tibia_r", (0.0, -700.0, 0.0))
     peer.wait_until(lambda: len(peer.contacts) == 20)
     assert [contact.flexion_angle for contact in peer.contacts] == [0.01 * i for i in range(20)]
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: dynamic_joint_states", {}).get("received") == "21")
+    peer.wait_until(
+        lambda: (
+            peer.diagnostics.get("knee_contact: dynamic_joint_states", {}).get("received") == "21"
+        )
+    )
     assert refused(peer, "undecodable") == 1
     node.stop()
     assert len(answers(tmp_path / "live.mcap")) == 20
@@ -126,11 +148,19 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
         for topic, kind in topics.items():
             writer.add_topic(topic, kind)
         for one in walk(20):
-            writer.write(one.topic if one.topic != FORCE else "/joint_reaction_force", one.log_time, one.data)
+            writer.write(
+                one.topic if one.topic != FORCE else "/joint_reaction_force",
+                one.log_time,
+                one.data,
+            )
         writer.write(TF_STATIC, 0, encode_transform(mounted, 0))
     told: list[Transform] = []
     peer.node.create_subscription(
-        messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True
+        messages.TFMessage,
+        "/tf_static",
+        lambda data: told.extend(decode_transforms(data)),
+        LATCHED,
+        raw=True,
     )
     replay = subprocess.Popen(
         [sys.executable, "-m", "knee_contact_ros.commands.main", "replay", str(bag), "--wait", "3"]

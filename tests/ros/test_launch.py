@@ -75,20 +75,39 @@ CASES = {
     "two knees on one topic": Case(
         "two_knees.launch.py",
         f"{BOTH} joint_states:=/joint_states left_joint:=knee_l right_joint:=knee_r",
-        (Knee("left", "/joint_states", "knee_l", "left.mcap"), Knee("right", "/joint_states", "knee_r", "right.mcap")),
+        (
+            Knee("left", "/joint_states", "knee_l", "left.mcap"),
+            Knee("right", "/joint_states", "knee_r", "right.mcap"),
+        ),
     ),
     "replay": Case("replay.launch.py", "record:={}/knee.mcap loop:=true", fed=False),
 }
 BAD = {
-    "no such parameter file": ("knee_contact.launch.py", "params:=/nowhere.yaml", "/nowhere.yaml: cannot read"),
-    "delay is not a number": ("two_knees.launch.py", "respawn_delay:=nan", "respawn_delay:=nan: it must be a number"),
+    "no such parameter file": (
+        "knee_contact.launch.py",
+        "params:=/nowhere.yaml",
+        "/nowhere.yaml: cannot read",
+    ),
+    "delay is not a number": (
+        "two_knees.launch.py",
+        "respawn_delay:=nan",
+        "respawn_delay:=nan: it must be a number",
+    ),
     "bad parameters of both knees": (
         "two_knees.launch.py",
         "left_params:={}/unknown.yaml right_params:={}/unknown.yaml",
         "contact.stifness",
     ),
-    "bad parameter of a load node": ("knee_load.launch.py", "params:={}/unknown.yaml", "contact.stifness"),
-    "bad parameter of a replay": ("replay.launch.py", "params:={}/unknown.yaml", "contact.stifness"),
+    "bad parameter of a load node": (
+        "knee_load.launch.py",
+        "params:={}/unknown.yaml",
+        "contact.stifness",
+    ),
+    "bad parameter of a replay": (
+        "replay.launch.py",
+        "params:={}/unknown.yaml",
+        "contact.stifness",
+    ),
 }
 """Launch file, arguments, what is said"""
 FILES = {
@@ -105,9 +124,17 @@ class Launched:
         for name, content in FILES.items():
             (folder / name).write_text(content)
         self._log = (folder / "said").open("w+")
-        path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))  # of this environment
+        path = os.pathsep.join(
+            (str(Path(sys.executable).parent), os.environ["PATH"])
+        )  # of this environment
         self.process = subprocess.Popen(
-            [sys.executable, "-c", RUN, FOLDER / file, *arguments.replace("{}", str(folder)).split()],
+            [
+                sys.executable,
+                "-c",
+                RUN,
+                FOLDER / file,
+                *arguments.replace("{}", str(folder)).split(),
+            ],
             stdout=self._log,
             stderr=subprocess.STDOUT,
             env=os.environ | {"PATH": path, "ROS_LOG_DIR": str(folder / "log")},
@@ -126,7 +153,11 @@ class Launched:
 
     def node(self) -> psutil.Process:
         """The only node's process."""
-        (node,) = [child for child in psutil.Process(self.process.pid).children() if "--ros-args" in child.cmdline()]
+        (node,) = [
+            child
+            for child in psutil.Process(self.process.pid).children()
+            if "--ros-args" in child.cmdline()
+        ]
         return node
 
     def stop(self) -> int:
@@ -137,7 +168,10 @@ class Launched:
     def kill(self) -> None:
         """Leave nothing of it."""
         if self.process.poll() is None:
-            for process in [*psutil.Process(self.process.pid).children(recursive=True), self.process]:
+            for process in [
+                *psutil.Process(self.process.pid).children(recursive=True),
+                self.process,
+            ]:
                 process.kill()
         self.process.wait()
         self._log.close()
@@ -206,12 +240,16 @@ class Stream:
 def answers(path: Path, namespace: str = "") -> list[int]:
     """The stamps [ns] of the answers in a recording."""
     topic = f"/{KNEE_CONTACT}"
-    with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}, {topic: absolute(KNEE_CONTACT, namespace)}) as bag:
+    with BagReader(
+        path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}, {topic: absolute(KNEE_CONTACT, namespace)}
+    ) as bag:
         return [message.log_time for message in bag.raw_messages()]
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_runs_until_ctrl_c(name: str, start: Launch, peers: Callable[[Knee], Peer], tmp_path: Path) -> None:
+def test_it_runs_until_ctrl_c(
+    name: str, start: Launch, peers: Callable[[Knee], Peer], tmp_path: Path
+) -> None:
     file, arguments, knees, fed = CASES[name]
     stream = Stream({knee: peers(knee) for knee in knees}, fed)
     launched = start(file, arguments)
@@ -241,7 +279,9 @@ def test_what_is_wrong_is_told_once_and_ends(name: str, start: Launch) -> None:
     said = launched.said()
     assert words in said
     assert "Traceback" not in said
-    assert said.count("exit code 2") == said.count("process started") - said.count("[replay-2]: process started")
+    assert said.count("exit code 2") == said.count("process started") - said.count(
+        "[replay-2]: process started"
+    )
 
 
 def test_a_node_that_is_told_to_end_stays_away(start: Launch) -> None:
@@ -312,19 +352,32 @@ def said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         marker.touch()
         program.write_text(SAY.format(python=sys.executable, folder=str(folder)) + what)
         program.chmod(0o755)
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{prefix}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}")
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")  # as when activated
+    monkeypatch.setenv(
+        "AMENT_PREFIX_PATH", f"{prefix}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}"
+    )
+    monkeypatch.setenv(
+        "PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    )  # as when activated
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
     return folder
 
 
 def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
-    command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py", "rate:=0.5"]
+    command = [
+        sys.executable,
+        "-c",
+        RUN,
+        share_folder() / "launch" / "rviz.launch.py",
+        "rate:=0.5",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stderr + done.stdout
     assert (said / "seen").exists(), done.stderr + done.stdout
     names = ["tibia", "femur", "contact_point", "contact_force_on_femur"]
-    assert json.loads((said / "seen").read_text()) == [[f"knee/{name} in tibia_r" for name in names], True]
+    assert json.loads((said / "seen").read_text()) == [
+        [f"knee/{name} in tibia_r" for name in names],
+        True,
+    ]
     (option, layout, *_), time = json.loads((said / "rviz2").read_text())
     assert option == "--display-config"
     layouts = Path("config") / "rviz" / "knee_contact.rviz"
@@ -332,7 +385,10 @@ def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
     assert parse_yaml(time)["/**"]["ros__parameters"] == {"use_sim_time": True}
     _, parameters = json.loads((said / "robot_state_publisher").read_text())
     body = parse_yaml(parameters)["/**"]["ros__parameters"]
-    assert body == {"use_sim_time": True, "robot_description": (share_folder() / "urdf" / "knee.urdf").read_text()}
+    assert body == {
+        "use_sim_time": True,
+        "robot_description": (share_folder() / "urdf" / "knee.urdf").read_text(),
+    }
     called, _ = json.loads((said / "static_transform_publisher").read_text())
     assert called[:4] == ["--frame-id", "tibia_isb", "--child-frame-id", "tibia_r"]
 
@@ -342,7 +398,9 @@ def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Start, pee
     peer.wait_for_node()
     command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py"]
     arguments = ["replay:=false", "clock:=false", "frame:=tibia_isb"]
-    launched = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    launched = subprocess.Popen(
+        [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     numbers = count()
 
     def closed() -> bool:

@@ -38,7 +38,9 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
         return set_parameters(peer, {name: value})
 
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
-    accepted, reason = set_parameter("contact.damping", -5.0)  # in rclpy's words, by the range that we declare
+    accepted, reason = set_parameter(
+        "contact.damping", -5.0
+    )  # in rclpy's words, by the range that we declare
     assert not accepted
     assert all(word in reason for word in ("contact.damping", "Min: 0.0", "value: -5.0"))
     assert set_parameter("contact.damping", 0.0) == (True, "")
@@ -48,13 +50,19 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert set_parameter("femur.geometry", "circle") == (True, "")
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
-    refusal = "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
+    refusal = (
+        "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
+    )
     assert set_parameter("femur.geometry", "profile") == (False, refusal)
     assert change_state(peer, Transition.TRANSITION_ACTIVATE)
     peer.wait_for_node()
     peer.send_series()
-    undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
-    assert undamped.penetration_depth.tolist() == [contact.penetration_depth for contact in peer.contacts]
+    undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(
+        STAMPS / 1e9, ANGLES, 0.5 * AXIAL
+    )
+    assert undamped.penetration_depth.tolist() == [
+        contact.penetration_depth for contact in peer.contacts
+    ]
     assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
     assert state_of(peer) == State.PRIMARY_STATE_INACTIVE
     peer.wait_until(lambda: not peer.force.get_subscription_count())
@@ -79,7 +87,9 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     node.stop()
 
 
-def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, start_node: Start) -> None:
+def test_time_may_have_gone_anywhere_while_the_node_was_inactive(
+    peer: Peer, start_node: Start
+) -> None:
     """Forces before the last tick are answered from rest, and said so; by no angle of before, if forces come first."""
     start_node("-p", "pairing.wait:=5.0")
     peer.wait_for_node()
@@ -100,11 +110,16 @@ def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, sta
             if number < 2:
                 peer.send_force(stamp, 900.0)
         peer.wait_until(lambda: len(peer.contacts) == 10)
-        assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET if number else 0, *[0] * 9]
+        assert [contact.status for contact in peer.contacts] == [
+            Status.TIME_RESET if number else 0,
+            *[0] * 9,
+        ]
         assert {contact.flexion_angle for contact in peer.contacts} == {0.1 * number}
 
 
-def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_node: Start) -> None:
+def test_a_transition_that_fails_leaves_the_node_unconfigured(
+    peer: Peer, start_node: Start
+) -> None:
     override = "qos_overrides./joint_states.subscription.depth"
     node = start_node("-p", "autostart:=false", "-p", f"{override}:=seven")
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
@@ -112,7 +127,10 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     assert change_state(peer, Transition.TRANSITION_CLEANUP)
-    assert f"cannot listen: parameter {override}: 'seven' is not allowed; it must be a whole number" in node.stop()
+    assert (
+        f"cannot listen: parameter {override}: 'seven' is not allowed; it must be a whole number"
+        in node.stop()
+    )
 
 
 def test_forces_that_wait_are_answered_before_the_streams_are_left(
@@ -143,5 +161,9 @@ def test_forces_that_wait_are_answered_before_the_streams_are_left(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all.mcap", "metadata.yaml"]
     anew = Status.TIME_RESET
     answers = answers_in(recording)
-    assert [answer.status for answer in answers] == [0, Status.INPUT_HELD, *[anew, Status.INPUT_HELD] * 2]
+    assert [answer.status for answer in answers] == [
+        0,
+        Status.INPUT_HELD,
+        *[anew, Status.INPUT_HELD] * 2,
+    ]
     assert answers[:4] == peer.contacts[:4]

@@ -54,10 +54,15 @@ class LegPeer(Peer):
 
     def wait_for_load_node(self) -> None:
         """Wait until it listens and speaks."""
-        self.wait_until(lambda: self.angle.get_subscription_count() and self.ground.get_subscription_count())
+        self.wait_until(
+            lambda: self.angle.get_subscription_count() and self.ground.get_subscription_count()
+        )
         self.wait_until(
             lambda: (
-                all(self.node.count_publishers(topic) for topic in ("load_estimate", "/diagnostics"))
+                all(
+                    self.node.count_publishers(topic)
+                    for topic in ("load_estimate", "/diagnostics")
+                )
                 and self.node.count_publishers(REACTION) > 1
             )  # this peer is one
         )
@@ -81,7 +86,10 @@ def leg() -> Iterator[LegPeer]:
 
 def arguments(values: dict[str, Any]) -> list[str]:
     """The same parameters on a command line."""
-    said = {name: str(value).lower() if isinstance(value, bool) else value for name, value in values.items()}
+    said = {
+        name: str(value).lower() if isinstance(value, bool) else value
+        for name, value in values.items()
+    }
     return [word for name, value in said.items() for word in ("-p", f"{name}:={value}")]
 
 
@@ -91,7 +99,10 @@ def silent(_done: int, _total: int) -> None:
 
 def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:
     """What `estimate-load` makes of them."""
-    bag, output = walking_bag(folder / "offline" / "walk.mcap", messages), folder / "offline" / "load.mcap"
+    bag, output = (
+        walking_bag(folder / "offline" / "walk.mcap", messages),
+        folder / "offline" / "load.mcap",
+    )
     estimate_load(bag, load_parameters(values, LoadParameters), output, silent)
     return output
 
@@ -120,14 +131,19 @@ def test_live_messages_are_those_of_estimate_load(
     expected = offline(tmp_path, WALK, values)
     for topic, heard in leg.heard.items():
         assert heard == told(expected, topic), topic
-    assert sorted(path.name for path in recording.parent.iterdir()) == ["live.mcap", "metadata.yaml"]
+    assert sorted(path.name for path in recording.parent.iterdir()) == [
+        "live.mcap",
+        "metadata.yaml",
+    ]
     assert raw(recording, LOAD_RECORDED) == raw(expected, LOAD_RECORDED)
     again = tmp_path / "again.mcap"
     estimate_load(recording, load_parameters(values, LoadParameters), again, silent)
     assert raw(again, LOAD_RECORDED) == raw(recording, LOAD_RECORDED)
 
 
-def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, start_node: Start) -> None:
+def test_faulty_samples_are_refused_counted_and_the_node_goes_on(
+    leg: LegPeer, start_node: Start
+) -> None:
     start_node(*arguments(PATIENT), kind="load")
     leg.wait_for_load_node()
     leg.send_sensed(WALK[:2])
@@ -136,7 +152,13 @@ def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, s
     nothing = ground(5 * MS)._replace(force=(0.0, float("nan"), 0.0))
     for data in (encode_wrench_stamped(nothing), b"\0\1\0\0\xff", WALK[1].data):
         leg.ground.publish(data)
-    expected = {"total": "5", "joint_missing": "1", "not_finite": "2", "undecodable": "1", "no_stamp": "1"}
+    expected = {
+        "total": "5",
+        "joint_missing": "1",
+        "not_finite": "2",
+        "undecodable": "1",
+        "no_stamp": "1",
+    }
     leg.wait_until(lambda: leg.diagnostics.get("knee_load: refused samples") == expected)
     leg.send_sensed(WALK[2:4])
     assert [estimate.status for estimate in leg.estimates] == [0, Status.INPUT_REJECTED]
@@ -146,16 +168,24 @@ def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, s
     assert leg.diagnostics["knee_load: ground_reaction_force"]["received"] == "5"
 
 
-def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Start, tmp_path: Path) -> None:
+def test_the_life_cycle_and_what_changes_meanwhile(
+    leg: LegPeer, start_node: Start, tmp_path: Path
+) -> None:
     """Unconfigured at first; numbers of the person change between two estimates, and a recording tells of it."""
-    recording, at_once = tmp_path / "live.mcap", {"person.electromechanical_delay": 0.0}  # or forces would go on
+    recording, at_once = (
+        tmp_path / "live.mcap",
+        {"person.electromechanical_delay": 0.0},
+    )  # or forces would go on
     live = WHOLE_LEG | PATIENT | at_once | {"autostart": False, "record.path": recording}
     node = start_node(*arguments(live), kind="load")
     assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
     accepted, reason = set_parameters(leg, {"level": "ankle_momen"}, f"/{NODE}")
     assert not accepted
     assert "parameter level: 'ankle_momen' is not allowed" in reason
-    assert set_parameters(leg, {"person.mass": 80.0, "level": "knee_moment"}, f"/{NODE}") == (True, "")
+    assert set_parameters(leg, {"person.mass": 80.0, "level": "knee_moment"}, f"/{NODE}") == (
+        True,
+        "",
+    )
     assert change_state(leg, Transition.TRANSITION_CONFIGURE, NODE)
     assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE)
     leg.wait_for_load_node()
@@ -176,7 +206,10 @@ def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Sta
     assert leg.heard[ESTIMATE] == before[:40] + after[40:] == told(recording, ESTIMATE)
     said = dict(metadata_of(recording))
     assert said[PARAMETERS_CHANGED] == {"tick": "40", "person.tone": "0.6"}
-    assert (said[LOAD_PROVENANCE]["level"], said[REFUSED_SAMPLES]) == ("knee_moment", {"total": "0"})
+    assert (said[LOAD_PROVENANCE]["level"], said[REFUSED_SAMPLES]) == (
+        "knee_moment",
+        {"total": "0"},
+    )
     assert set_parameters(leg, {"level": "auto"}, f"/{NODE}") == (True, "")
     assert change_state(leg, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, NODE)
     node.stop()
@@ -187,7 +220,9 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
 ) -> None:
     """The contact node rests and is made anew while the load node goes on: it answers what is handed over then."""
     given = {f"knee_load:{name}": value for name, value in (WHOLE_LEG | PATIENT).items()}
-    node = start_node(*arguments(given | {f"{NODE_CONTACT}:pairing.wait": 5.0}), kind="load --with-contact")
+    node = start_node(
+        *arguments(given | {f"{NODE_CONTACT}:pairing.wait": 5.0}), kind="load --with-contact"
+    )
     leg.wait_for_load_node()
     leg.wait_until(lambda: leg.node.count_publishers(KNEE_CONTACT))
     leg.send_sensed(WALK[:40])

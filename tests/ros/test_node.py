@@ -31,7 +31,18 @@ from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import HAS_VIEWER, needs_viewer
 from tests.helpers.processes import has_ended, internet_sockets
-from tests.ros.conftest import ANGLES, AXIAL, PATIENCE, STAMPS, STEP, Peer, Start, raw, set_parameters, trigger
+from tests.ros.conftest import (
+    ANGLES,
+    AXIAL,
+    PATIENCE,
+    STAMPS,
+    STEP,
+    Peer,
+    Start,
+    raw,
+    set_parameters,
+    trigger,
+)
 
 
 def assert_bits_of_python(peer: Peer, parameters: str) -> None:
@@ -40,7 +51,9 @@ def assert_bits_of_python(peer: Peer, parameters: str) -> None:
     series = knee_contact_ros.load_model(parameters).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
     for field in FIELDS:
         if field != "contact_point":
-            assert np.array_equal(series[field], [getattr(contact, field) for contact in peer.contacts]), field
+            assert np.array_equal(
+                series[field], [getattr(contact, field) for contact in peer.contacts]
+            ), field
     assert [contact.header.frame_id for contact in peer.contacts] == ["tibia_r"] * len(STAMPS)
     assert [-wrench.wrench.force.y for wrench in peer.wrenches] == series.contact_force.tolist()
 
@@ -51,10 +64,14 @@ def test_the_node_gives_the_bits_of_the_python_calls_and_opens_no_port_beyond_lo
     node = start_node("--params-file", "osteoarthritis.yaml")  # one of the package's own
     peer.wait_for_node()
     assert_bits_of_python(peer, "osteoarthritis")
-    assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(node.process.pid))} == {"127.0.0.1"}
+    assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(node.process.pid))} == {
+        "127.0.0.1"
+    }
 
 
-@pytest.mark.parametrize(("library", "words"), [("numba", "Numba cannot be used"), ("rclpy.experimental", NO_EVENTS)])
+@pytest.mark.parametrize(
+    ("library", "words"), [("numba", "Numba cannot be used"), ("rclpy.experimental", NO_EVENTS)]
+)
 def test_where_a_library_is_missing_the_node_says_so_once_and_gives_the_same(
     peer: Peer, start_node: Start, tmp_path: Path, library: str, words: str
 ) -> None:
@@ -63,7 +80,9 @@ def test_where_a_library_is_missing_the_node_says_so_once_and_gives_the_same(
     peer.wait_for_node()
     assert_bits_of_python(peer, "healthy")
     assert trigger(peer, "stop_recording")[0]
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("ticks") == str(len(STAMPS)))
+    peer.wait_until(
+        lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("ticks") == str(len(STAMPS))
+    )
     output = node.stop()
     assert (tmp_path / "out.mcap").exists()
     assert output.count(words) == 1
@@ -72,17 +91,25 @@ def test_where_a_library_is_missing_the_node_says_so_once_and_gives_the_same(
 
 def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
     node = start_node("-r", "joint_states:=/exo/joint_states")
-    peer.wait_until(lambda: peer.force.get_subscription_count() and peer.node.count_publishers("/diagnostics"))
+    peer.wait_until(
+        lambda: peer.force.get_subscription_count() and peer.node.count_publishers("/diagnostics")
+    )
     peer.send_force(0, 1000.0)
-    peer.wait_until(lambda: peer.problems.get("knee_contact: joint_states") == "nothing received yet")
-    peer.wait_until(lambda: "silent for" in peer.problems.get("knee_contact: joint_reaction_force", ""))
+    peer.wait_until(
+        lambda: peer.problems.get("knee_contact: joint_states") == "nothing received yet"
+    )
+    peer.wait_until(
+        lambda: "silent for" in peer.problems.get("knee_contact: joint_reaction_force", "")
+    )
     peer.spin(6.0)
     output = node.stop()
     assert "listening to /exo/joint_states and /joint_reaction_force" in output
     assert output.count("nothing received on /exo/joint_states") == 1
 
 
-def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer: Peer, start_node: Start) -> None:
+def test_simulated_time_stamps_the_diagnostics_and_nothing_else(
+    peer: Peer, start_node: Start
+) -> None:
     """At first it stands still, which does not stop the node."""
     start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
     peer.wait_for_node()
@@ -91,10 +118,14 @@ def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer: Peer, star
     peer.wait_until(lambda: len(peer.contacts) == len(peer.wrenches) == 2)
     peer.wait_until(lambda: "knee_contact: ticks" in peer.diagnostics)
     stamps: list[int] = []
-    peer.node.create_subscription(DiagnosticArray, "/diagnostics", lambda m: stamps.append(m.header.stamp.sec), 10)
+    peer.node.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda m: stamps.append(m.header.stamp.sec), 10
+    )
     clock = peer.node.create_publisher(Clock, "/clock", 10)
     # Again and again: a sample goes nowhere if the node has yet to hear of this publisher.
-    peer.wait_until(lambda: clock.publish(Clock(clock=RosMessages.Time(sec=12_345))) or 12_345 in stamps)
+    peer.wait_until(
+        lambda: clock.publish(Clock(clock=RosMessages.Time(sec=12_345))) or 12_345 in stamps
+    )
     peer.send(2 * STEP, 0.2, 1000.0)
     peer.wait_until(lambda: len(peer.contacts) == len(peer.wrenches) == 3)
     for answers in (peer.contacts, peer.wrenches):
@@ -118,14 +149,27 @@ def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) ->
     ("output", "arguments", "words"),
     [
         ("recorder", ["record.path:=/proc/no/where.mcap"], "cannot write /proc/no/where.mcap: "),
-        pytest.param("viewer", ["rerun.mode:=serve", "rerun.port:={taken}"],
-                     "rerun.port: {taken} on 127.0.0.1: Address already", marks=needs_viewer),
-        pytest.param("viewer", ["rerun.mode:=spawn", "rerun.port:={free}"],
-                     "no screen for a viewer (DISPLAY is not set)", marks=needs_viewer),
+        pytest.param(
+            "viewer",
+            ["rerun.mode:=serve", "rerun.port:={taken}"],
+            "rerun.port: {taken} on 127.0.0.1: Address already",
+            marks=needs_viewer,
+        ),
+        pytest.param(
+            "viewer",
+            ["rerun.mode:=spawn", "rerun.port:={free}"],
+            "no screen for a viewer (DISPLAY is not set)",
+            marks=needs_viewer,
+        ),
     ],
-)  # fmt: skip
+)
 def test_no_output_keeps_the_node_from_computing(
-    peer: Peer, start_node: Start, output: str, arguments: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+    peer: Peer,
+    start_node: Start,
+    output: str,
+    arguments: list[str],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Told once as an error, and in /diagnostics for as long as it lasts."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
@@ -135,32 +179,51 @@ def test_no_output_keeps_the_node_from_computing(
         node = start_node(*(part for rule in arguments for part in ("-p", rule.format(**ports))))
         peer.wait_for_node()
         peer.send_series()
-        peer.wait_until(lambda: words.format(**ports) in peer.problems.get(f"knee_contact: {output}", ""))
+        peer.wait_until(
+            lambda: words.format(**ports) in peer.problems.get(f"knee_contact: {output}", "")
+        )
         code, said = node.end(signal.SIGINT)
     assert code == (output == "recorder")  # what it should have kept is lost
-    assert ["[ERROR]" in line for line in said.splitlines() if words.format(**ports) in line] == [True]
+    assert ["[ERROR]" in line for line in said.splitlines() if words.format(**ports) in line] == [
+        True
+    ]
 
 
 TICKS = 60
 
 
-def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_medial_and_lateral_answers_and_the_wrench_of_both(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
     """With a change amid them, of the medial one alone, and a reset; computed again from the recording: same bytes."""
     lateral: list[KneeContact] = []
-    peer.node.create_subscription(KneeContact, "knee_contact/lateral", lateral.append, QoSProfile(depth=1000))
-    recording, redone, scene = (tmp_path / name for name in ("live.mcap", "redone.mcap", "knee.rrd"))
+    peer.node.create_subscription(
+        KneeContact, "knee_contact/lateral", lateral.append, QoSProfile(depth=1000)
+    )
+    recording, redone, scene = (
+        tmp_path / name for name in ("live.mcap", "redone.mcap", "knee.rrd")
+    )
     shown = ("-p", "rerun.mode:=file", "-p", f"rerun.path:={scene}") if HAS_VIEWER else ()
     node = start_node(
-        "-p", "load.compartment:=both", "-p", "load.share:=0.6", "-p", "lateral.contact.damping:=900.0",
-        "-p", f"record.path:={recording}", *shown,
-    )  # fmt: skip
+        "-p",
+        "load.compartment:=both",
+        "-p",
+        "load.share:=0.6",
+        "-p",
+        "lateral.contact.damping:=900.0",
+        "-p",
+        f"record.path:={recording}",
+        *shown,
+    )
     peer.wait_for_node()
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact/lateral"))
     axial = [800.0 + 300.0 * np.sin(0.4 * i) for i in range(TICKS)]
     for i, force in enumerate(axial):
         if i == TICKS // 2:
             peer.wait_until(lambda: len(peer.contacts) == TICKS // 2)
-            assert set_parameters(peer, {"contact.stiffness": 5e7, "load.compartment_spacing": 0.05}) == (True, "")
+            assert set_parameters(
+                peer, {"contact.stiffness": 5e7, "load.compartment_spacing": 0.05}
+            ) == (True, "")
         if i == 3 * TICKS // 4:
             peer.wait_until(lambda: len(peer.contacts) == 3 * TICKS // 4)
             assert trigger(peer, "reset")[0]
@@ -168,21 +231,32 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_nod
     peer.wait_until(lambda: len(peer.contacts) == len(lateral) == len(peer.wrenches) == TICKS)
     node.stop()
     assert [one.header.stamp for one in lateral] == [one.header.stamp for one in peer.contacts]
-    loads = np.array([[one.load, other.load] for one, other in zip(peer.contacts, lateral, strict=True)])
-    assert loads.sum(axis=1) == pytest.approx(axial, rel=1e-15)  # a difference and a sum: two roundings
+    loads = np.array(
+        [[one.load, other.load] for one, other in zip(peer.contacts, lateral, strict=True)]
+    )
+    assert loads.sum(axis=1) == pytest.approx(
+        axial, rel=1e-15
+    )  # a difference and a sum: two roundings
     assert loads[:, 0] == pytest.approx(0.6 * np.array(axial), rel=1e-15)
-    places = [(one.contact_point.z, other.contact_point.z) for one, other in zip(peer.contacts, lateral, strict=True)]
+    places = [
+        (one.contact_point.z, other.contact_point.z)
+        for one, other in zip(peer.contacts, lateral, strict=True)
+    ]
     assert places == (TICKS // 2) * [(-0.035, 0.035)] + (TICKS // 2) * [(-0.025, 0.025)]
     for contact, other, wrench in zip(peer.contacts, lateral, peer.wrenches, strict=True):
         forces = np.array([contact.contact_force, other.contact_force])
         assert wrench.wrench.force.y == pytest.approx(-forces.sum(), rel=1e-15)
-        assert wrench.wrench.torque.x == pytest.approx(other.contact_point.z * (forces[1] - forces[0]), abs=1e-12)
+        assert wrench.wrench.torque.x == pytest.approx(
+            other.contact_point.z * (forces[1] - forces[0]), abs=1e-12
+        )
     found, topics = read_provenance(recording), recorded_topics(has_both=True)
     assert found is not None
     assert found.parameters.lateral.contact.stiffness == found.parameters.contact.stiffness
     solve(recording, found, redone, lambda _done, _total: None)
     assert raw(recording, topics) == raw(redone, topics)
-    assert len(raw(recording, topics)) == 5 * TICKS + 1 + 15  # and a leg, which moves 50 times a second
+    assert (
+        len(raw(recording, topics)) == 5 * TICKS + 1 + 15
+    )  # and a leg, which moves 50 times a second
     # On a busy machine the process of the scene needs longer to start than the node takes in all; it goes on by itself.
     peer.wait_until(lambda: scene.is_file() or not HAS_VIEWER)
 
@@ -193,27 +267,49 @@ def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path:
     """As SIGINT and SIGTERM do, by which other tests end their nodes."""
     recording, picture = tmp_path / "bag" / "bag_0.mcap", tmp_path / "knee.rrd"
     node = start_node(
-        "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}", anew=True
-    )  # fmt: skip
+        "-p",
+        f"record.path:={recording}",
+        "-p",
+        "rerun.mode:=file",
+        "-p",
+        f"rerun.path:={picture}",
+        anew=True,
+    )
     peer.wait_for_node()
     peer.send_series()
     peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
     peer.spin(0.3)
     output = node.stop(signal.SIGHUP)
     assert "40 ticks, 0 samples refused" in output
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "bag_0.mcap", "knee.rrd", "metadata.yaml"]
-    messages = read_bag(recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK})
+    assert sorted(path.name for path in tmp_path.rglob("*")) == [
+        "bag",
+        "bag_0.mcap",
+        "knee.rrd",
+        "metadata.yaml",
+    ]
+    messages = read_bag(
+        recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
+    )
     count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in EACH_TICK}
-    assert count == {"/joint_states": 41, "/joint_reaction_force": 40, "/knee_contact": 40, "/knee_contact/wrench": 40}
+    assert count == {
+        "/joint_states": 41,
+        "/joint_reaction_force": 40,
+        "/knee_contact": 40,
+        "/knee_contact/wrench": 40,
+    }
     recorded = [m.message.penetration_depth for m in messages if m.topic == "/knee_contact"]
     assert recorded == [contact.penetration_depth for contact in peer.contacts]
 
 
 @pytest.mark.parametrize(("children", "signals"), [(1, 2), (2, 1)])
 def test_a_node_that_compiles_ends_without_a_kernel(
-    start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, children: int, signals: int,
+    start_node: Start,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    children: int,
+    signals: int,
     request: pytest.FixtureRequest,
-) -> None:  # fmt: skip
+) -> None:
     """Also if it is told to at the moment when its second child has begun, which compiles; the first one records."""
     monkeypatch.setenv("NUMBA_OPT", "2")  # what is compiled with other settings is of no use
     request.addfinalizer(stamp.cache_clear)

@@ -53,7 +53,9 @@ def begin_recording(peer: Peer, path: Path) -> tuple[bool, str]:
     return trigger(peer, "start_recording")
 
 
-def test_a_killed_node_leaves_a_complete_recording(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_a_killed_node_leaves_a_complete_recording(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
     """The recorder outlives it by as long as it takes to complete the file."""
     node = start_node("-p", f"record.path:={tmp_path}/out.mcap")
     peer.wait_for_node()
@@ -88,9 +90,13 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
     code, said = node.end(signal.SIGTERM)
     unfinished = re.search(r"is not waited for: its process \(\d+\) goes on; (\d+) answers", said)
     assert bool(unfinished) == (number == signal.SIGSTOP)
-    assert code == (int(unfinished[1]) > 0 if unfinished else output == "recorder")  # a viewer may have gaps
+    assert code == (
+        int(unfinished[1]) > 0 if unfinished else output == "recorder"
+    )  # a viewer may have gaps
     if unfinished:
-        with suppress(psutil.NoSuchProcess):  # the system has let it go on, as its group is left alone
+        with suppress(
+            psutil.NoSuchProcess
+        ):  # the system has let it go on, as its group is left alone
             child.resume()
         wait_until(lambda: has_ended(child))
     assert "out." in said  # it says what has become of the file
@@ -110,9 +116,11 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
     assert trigger(peer, "start_recording") == (False, "parameter record.path names no file")
     assert trigger(peer, "stop_recording") == (False, "nothing is being recorded")
     for name, reason in {
-        "file/out.mcap": "Not a directory", "": "Is a directory", "/": "Is a directory",
+        "file/out.mcap": "Not a directory",
+        "": "Is a directory",
+        "/": "Is a directory",
         f"{'n' * 250}.mcap": "File name too long",
-    }.items():  # fmt: skip
+    }.items():
         path = tmp_path / name
         assert begin_recording(peer, path) == (False, f"cannot write {path}: {reason}")
         assert trigger(peer, "save_snapshot") == (False, f"cannot write {path}: {reason}")
@@ -121,7 +129,9 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
         assert begin_recording(peer, path) == (True, f"recording to {path}")
         assert trigger(peer, "start_recording")[0] is False
         walk(peer, 10 + 50 * number, 30)
-        peer.wait_until(lambda: peer.diagnostics.get("knee_contact: recorder", {}).get("written") == "30")
+        peer.wait_until(
+            lambda: peer.diagnostics.get("knee_contact: recorder", {}).get("written") == "30"
+        )
         assert trigger(peer, "stop_recording") == (True, f"{path} will be complete in a moment")
         walk(peer, 40 + 50 * number, 20)
     wait_until((tmp_path / "b" / "out.mcap").exists)
@@ -130,10 +140,16 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
     for number in range(MOST_ENDING):  # the names go on
         peer.wait_until(lambda: trigger(peer, "start_recording")[0])
         walk(peer, 200 + 10 * number, 10)
-        peer.wait_until(lambda number=number: len(children(node)) == number + 1)  # it is started in the background
+        peer.wait_until(
+            lambda number=number: len(children(node)) == number + 1
+        )  # it is started in the background
         (child,) = [process for process in children(node) if process not in stopped]
         told = {"written": "10", "process": str(child.pid)}
-        peer.wait_until(lambda told=told: told.items() <= peer.diagnostics.get("knee_contact: recorder", {}).items())
+        peer.wait_until(
+            lambda told=told: (
+                told.items() <= peer.diagnostics.get("knee_contact: recorder", {}).items()
+            )
+        )
         child.suspend()
         stopped.append(child)
         assert trigger(peer, "stop_recording")[0] is True
@@ -150,9 +166,13 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
         assert stamps(tmp_path / "b" / f"out_{number + 1}.mcap") == list(ticks)
 
 
-def test_each_recording_may_have_a_folder_of_its_own(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_each_recording_may_have_a_folder_of_its_own(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
     """So `metadata.yaml` of one life, or of one start of a recording, names all files of that one."""
-    node = start_node("-p", f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "-p", "pairing.wait:=0.2")
+    node = start_node(
+        "-p", f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "-p", "pairing.wait:=0.2"
+    )
     peer.wait_for_node()
     walk(peer, 0, 20)
     assert trigger(peer, "stop_recording")[0]
@@ -167,9 +187,18 @@ def test_each_recording_may_have_a_folder_of_its_own(peer: Peer, start_node: Sta
     assert begun == (True, f"recording to {second / 'knee.mcap'}")
 
 
-def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
     """Without a recorder: what a ring in memory holds, with parameters and resets, is solved again to the same bits."""
-    given = ["-p", f"record.path:={tmp_path / 'knee.mcap'}", "-p", "record.snapshot:=0.5", "-p", "pairing.wait:=5.0"]
+    given = [
+        "-p",
+        f"record.path:={tmp_path / 'knee.mcap'}",
+        "-p",
+        "record.snapshot:=0.5",
+        "-p",
+        "pairing.wait:=5.0",
+    ]
     node = start_node(*given)
     peer.wait_for_node()
     assert trigger(peer, "stop_recording")[0]
@@ -179,7 +208,10 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, star
     assert "there is nothing to save" in reason
     walk(peer, 0, 300)
     peer.wait_until(lambda: len(peer.contacts) == 300)
-    assert save()[1] == f"{tmp_path / 'knee_snapshot.mcap'} will be complete in a moment: 100 answers, 0.495 s"
+    assert (
+        save()[1]
+        == f"{tmp_path / 'knee_snapshot.mcap'} will be complete in a moment: 100 answers, 0.495 s"
+    )
     wait_until((tmp_path / "knee_snapshot.mcap").exists)
     assert trigger(peer, "reset")[0]
     walk(peer, 300, 40)
@@ -190,7 +222,9 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, star
     third = [save()]
     wait_until(lambda: third[-1][0] or third.append(save()))  # once the one before is open
     assert third[-1][1].endswith("moment: 101 answers, 0.495 s")
-    wait_until((tmp_path / "knee_snapshot_2.mcap").exists)  # a busy node's end waits for no output that is slow
+    wait_until(
+        (tmp_path / "knee_snapshot_2.mcap").exists
+    )  # a busy node's end waits for no output that is slow
     assert "is there already" not in node.stop()  # the answers have told the names
     assert stamps(tmp_path / "knee_snapshot_2.mcap") == [*range(279, 340), *range(100, 140)]
     assert stamps(tmp_path / "knee_snapshot.mcap") == list(range(200, 300))
@@ -199,9 +233,15 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, star
     assert how is not None
     assert (how.ticks_before, how.changes) == (240, (Change(60, None),))
     solve(tmp_path / "knee_snapshot_1.mcap", how, tmp_path / "again.mcap", lambda *_: None)
-    live, again = (read_answers(tmp_path / name) for name in ("knee_snapshot_1.mcap", "again.mcap"))
-    assert np.array_equal(live[60:].view(FLAT)[list(TOLD)], again[60:].view(FLAT)[list(TOLD)])  # from the reset on
-    sure = again["status"] & Status.NOT_CONVERGED == 0  # the others come from a rest that there was not
+    live, again = (
+        read_answers(tmp_path / name) for name in ("knee_snapshot_1.mcap", "again.mcap")
+    )
+    assert np.array_equal(
+        live[60:].view(FLAT)[list(TOLD)], again[60:].view(FLAT)[list(TOLD)]
+    )  # from the reset on
+    sure = (
+        again["status"] & Status.NOT_CONVERGED == 0
+    )  # the others come from a rest that there was not
     assert not sure[0]
     assert sure[60:].all()
     assert np.abs(live["penetration_depth"] - again["penetration_depth"])[sure].max() < 1e-6

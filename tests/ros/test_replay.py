@@ -30,7 +30,8 @@ from tests.ros.conftest import PATIENCE, Peer, own_words
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
 LAST_LINE = (
-    r"(\d+) messages published, \d+ \([0-9.e-]+ %\) later than 1 ms, the latest by [0-9.]+ ms; drift at the end "
+    r"(\d+) messages published, \d+ \([0-9.e-]+ %\) later than 1 ms, the latest by [0-9.]+ ms; "
+    r"drift at the end "
 )
 
 
@@ -43,8 +44,12 @@ class Ear:
         self.clock: list[int] = []
         qos = QoSProfile(depth=5000)
         for topic, kind in ((ANGLE, JointState), (FORCE, WrenchStamped)):
-            peer.node.create_subscription(kind, f"{namespace}{topic}", self.heard[topic].append, qos, raw=True)
-        peer.node.create_subscription(Clock, "/clock", lambda m: self.clock.append(stamp_to_ns(m.clock)), qos)
+            peer.node.create_subscription(
+                kind, f"{namespace}{topic}", self.heard[topic].append, qos, raw=True
+            )
+        peer.node.create_subscription(
+            Clock, "/clock", lambda m: self.clock.append(stamp_to_ns(m.clock)), qos
+        )
 
     @property
     def count(self) -> int:
@@ -56,7 +61,9 @@ class Ear:
         output, errors = replay.communicate(timeout=PATIENCE)
         said = re.match(LAST_LINE, output)
         assert said, output + errors
-        self.peer.wait_until(lambda: self.count >= int(said[1]))  # a signal may come between a message and its count
+        self.peer.wait_until(
+            lambda: self.count >= int(said[1])
+        )  # a signal may come between a message and its count
         return output, own_words(errors)
 
 
@@ -78,7 +85,11 @@ def start() -> Iterator:
         command = [*COMMAND, *map(str, arguments)]
         started.append(
             subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
             )
         )
         return started[-1]
@@ -90,10 +101,15 @@ def start() -> Iterator:
 
 
 def by_topic(messages: list[RawMessage]) -> dict[str, list[bytes]]:
-    return {topic: [message.data for message in messages if message.topic == topic] for topic in INPUT_TYPES}
+    return {
+        topic: [message.data for message in messages if message.topic == topic]
+        for topic in INPUT_TYPES
+    }
 
 
-def test_every_message_comes_as_it_was_recorded(ear: Ear, start, right_bag: Path, gait: list[RawMessage]) -> None:
+def test_every_message_comes_as_it_was_recorded(
+    ear: Ear, start, right_bag: Path, gait: list[RawMessage]
+) -> None:
     """A plain --clock, here before BAG, tells the time of every message."""
     replay = start("--clock", right_bag, "--rate", "4", "--wait", "60")
     _, errors = ear.listen_to(replay)
@@ -103,7 +119,9 @@ def test_every_message_comes_as_it_was_recorded(ear: Ear, start, right_bag: Path
     assert ear.clock == [message.log_time for message in gait]
 
 
-def test_who_is_found_later_misses_nothing(ear: Ear, start, right_bag: Path, gait: list[RawMessage]) -> None:
+def test_who_is_found_later_misses_nothing(
+    ear: Ear, start, right_bag: Path, gait: list[RawMessage]
+) -> None:
     """Two nodes on the same topics are found one after the other."""
     replay = start(right_bag, "--wait", "60")
     ear.peer.wait_until(
@@ -121,8 +139,12 @@ def test_a_part_into_a_namespace_with_a_clock_of_its_own_rate(
     peer: Peer, start, gait: list[RawMessage], tmp_path: Path, there: bool
 ) -> None:
     ear = Ear(peer, "/left")
-    bag = write_rosbag2(tmp_path / "bag", gait, name=lambda topic: f"/left{topic}" if there else topic)
-    replay = start(bag, "--namespace", "/left/", "--start-offset", "0.5", "--duration", "0.4", "--clock", "50")
+    bag = write_rosbag2(
+        tmp_path / "bag", gait, name=lambda topic: f"/left{topic}" if there else topic
+    )
+    replay = start(
+        bag, "--namespace", "/left/", "--start-offset", "0.5", "--duration", "0.4", "--clock", "50"
+    )
     ear.listen_to(replay)
     begin = gait[0].log_time + NANOSECONDS // 2
     end = begin + 4 * NANOSECONDS // 10
@@ -149,7 +171,9 @@ def test_a_loop_starts_over_and_ends_at_once_with_all_that_was_sent(
 
 def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMessage]) -> None:
     part = [message for message in gait if message.log_time >= gait[0].log_time + NANOSECONDS]
-    with Terminal(*COMMAND, str(right_bag), "--start-offset", "1", "--start-paused", "--wait", "60") as terminal:
+    with Terminal(
+        *COMMAND, str(right_bag), "--start-offset", "1", "--start-paused", "--wait", "60"
+    ) as terminal:
         terminal.wait_for("Paused gait2354_right at rate 1")
         ear.peer.spin(0.3)
         assert ear.count == 0
@@ -176,7 +200,12 @@ def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMess
 
 @pytest.mark.parametrize("namespace", ["a b", "9x", "n" * 300])
 def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> None:
-    with pytest.raises(UsageError, match=rf"cannot join the ROS graph: Invalid namespace: .*/{namespace}'$"), joining():
+    with (
+        pytest.raises(
+            UsageError, match=rf"cannot join the ROS graph: Invalid namespace: .*/{namespace}'$"
+        ),
+        joining(),
+    ):
         Node("knee_contact_replay", namespace=namespace)
 
 
@@ -187,7 +216,10 @@ def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> Non
         (["--start-offset", "100"], "has no message there; it lasts 1.930 s"),
         (["--clock", "-3"], "-3.0 is not in the range"),
         (["--duration", "0"], "0.0 is not in the range"),
-        (["--remap", "joint_states:=/exo"], "has no topic /exo (sensor_msgs/msg/JointState); its topics"),
+        (
+            ["--remap", "joint_states:=/exo"],
+            "has no topic /exo (sensor_msgs/msg/JointState); its topics",
+        ),
     ],
 )
 def test_what_cannot_be_played_is_told_in_one_line(

@@ -45,9 +45,16 @@ def test_every_line_does_what_the_page_says(tmp_path: Path) -> None:
     blocks = BLOCK.findall(PAGE)
     script = "".join(text for kind, text in blocks if kind == "sh")
     done = subprocess.run(
-        ["/bin/bash", "-e", "-c", script], cwd=tmp_path, env=os.environ, stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=TIMEOUT, check=False,
-    )  # fmt: skip
+        ["/bin/bash", "-e", "-c", script],
+        cwd=tmp_path,
+        env=os.environ,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout
     for line in "".join(text for kind, text in blocks if kind == "text").splitlines():
         assert line in done.stdout, f"{line}\n{done.stdout}"

@@ -74,7 +74,9 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     assert [contact.status for contact in peer.contacts] == [0] * 1600
 
 
-def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidden_screen: None) -> None:
+def test_a_window_is_opened_and_may_be_ended(
+    peer: Peer, start_node: Start, hidden_screen: None
+) -> None:
     port = free_port()
     node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")
     peer.wait_for_node()
@@ -87,7 +89,8 @@ def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidd
     time.sleep(2.0)  # the server looks once a second
     said = node.stop()
     assert (
-        f"the Rerun viewer was ended by SIGTERM; the scene is still served: knee-contact view {address(port)}" in said
+        f"the Rerun viewer was ended by SIGTERM; the scene is still served: knee-contact view {address(port)}"
+        in said
     )
     assert [contact.status for contact in peer.contacts] == [0] * 200
 
@@ -95,10 +98,26 @@ def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidd
 def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
     ports = {"left": free_port(), "right": free_port()}
     for side, port in ports.items():
-        remaps = (f"__ns:=/{side}", "joint_states:=/joint_states", "joint_reaction_force:=/joint_reaction_force")
+        remaps = (
+            f"__ns:=/{side}",
+            "joint_states:=/joint_states",
+            "joint_reaction_force:=/joint_reaction_force",
+        )
         rules = [word for rule in remaps for word in ("-r", rule)]
-        start_node(*rules, "-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}", "-p", "rerun.knees:=left,right")
-    peer.wait_until(lambda: peer.angle.get_subscription_count() == 2 and peer.force.get_subscription_count() == 2)
+        start_node(
+            *rules,
+            "-p",
+            "rerun.mode:=serve",
+            "-p",
+            f"rerun.port:={port}",
+            "-p",
+            "rerun.knees:=left,right",
+        )
+    peer.wait_until(
+        lambda: (
+            peer.angle.get_subscription_count() == 2 and peer.force.get_subscription_count() == 2
+        )
+    )
     for number in range(100):
         peer.send(number * 5_000_000, 0.2, 900.0)
     with rendered(*map(address, ports.values())) as screen:
@@ -112,6 +131,11 @@ def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
     each = {
         f"{side}: {what}"
         for side in ports
-        for what in ("cartilage 2 × 2.2 mm (drawn only)", "contact and level", "events", "leg and contact force")
+        for what in (
+            "cartilage 2 × 2.2 mm (drawn only)",
+            "contact and level",
+            "events",
+            "leg and contact force",
+        )
     }
     assert set(names) - plots == each | {"What you see", "Stance, shaded, and swing"}

@@ -19,12 +19,22 @@ from tests.ros.conftest import PATIENCE, Peer, Start
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
-RULES = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
+RULES = {
+    "publish": "publisher",
+    "subscribe": "subscriber",
+    "reply": "service",
+    "request": "client",
+}
 """A policy's rule and what the graph calls it"""
 PRIVILEGES = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}
 KEYSTORE_FILES = (
-    "cert.pem", "governance.p7s", "identity_ca.cert.pem", "key.pem", "permissions.p7s", "permissions_ca.cert.pem",
-)  # fmt: skip
+    "cert.pem",
+    "governance.p7s",
+    "identity_ca.cert.pem",
+    "key.pem",
+    "permissions.p7s",
+    "permissions_ca.cert.pem",
+)
 
 
 def allowed_names(node: str) -> dict[str, set[str]]:
@@ -40,7 +50,10 @@ def allowed_names(node: str) -> dict[str, set[str]]:
             for element in group:
                 assert element.tag + "s" == group.tag
                 assert element.text not in names[rule]
-                names[rule].add("/" + re.sub("^(~/|/)", lambda m: f"{node}/" if m[0] == "~/" else "", element.text))
+                names[rule].add(
+                    "/"
+                    + re.sub("^(~/|/)", lambda m: f"{node}/" if m[0] == "~/" else "", element.text)
+                )
     return names
 
 
@@ -88,7 +101,10 @@ def processes_of(keystore: Path) -> list[psutil.Process]:
     found = []
     for process in psutil.process_iter():
         with suppress(psutil.Error):
-            if process.environ().get("ROS_SECURITY_KEYSTORE") == str(keystore) and process.pid != os.getpid():
+            if (
+                process.environ().get("ROS_SECURITY_KEYSTORE") == str(keystore)
+                and process.pid != os.getpid()
+            ):
                 found.append(process)
     return found
 
@@ -108,12 +124,16 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("name", REFUSALS)
-def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(name: str, keystore: Path, tmp_path: Path) -> None:
+def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(
+    name: str, keystore: Path, tmp_path: Path
+) -> None:
     """One line beside ROS's log; no process, so no socket, is left."""
     command, words = REFUSALS[name]
     if "without" in name:
         keystore.rename(keystore.with_name("other"))
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False, cwd=tmp_path)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=PATIENCE, check=False, cwd=tmp_path
+    )
     assert (done.returncode, done.stdout) == (2, "")
     assert processes_of(tmp_path / "keystore") == []
     (line,) = [line for line in done.stderr.splitlines() if line.startswith(words[:14])]

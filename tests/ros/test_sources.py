@@ -31,23 +31,52 @@ from tests.ros.conftest import Peer, Start
 
 VERTICAL = ("/ground_reaction_force", (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, load, 0.0)))
 ROBOTS: dict[str, tuple[str, dict[str, Any]]] = {
-    "project_march": ("load --with-contact", {
-        "/joint_states": (ANGLE[1][0], joint_state(["left_knee", "right_knee"], lambda angle: [9.0, angle])),
-        "/state_estimation/ground_reaction_force/right": CASES["a vector's axis"][2]["/right_grf"],
-    }),
-    "ros2_control": ("node", {
-        "/joint_states": (ANGLE[1][0], joint_state(["hip_joint", "knee_joint"], lambda angle: [9.0, angle])),
-        "/force_torque_sensor_broadcaster/wrench": (FORCE[1][0], lambda t, _, load: wrench(t, 3.0, 4.0, load)),
-    }),
-    "harmony": ("node", {
-        "/harmony/right/joint_states":
-            (ANGLE[1][0], joint_state(["knee_flexion"], lambda angle: [angle])), **dict([FORCE]),
-    }),
-    "rep155": ("load --with-contact", {
-        "/humans/bodies/ab12/joint_states":
-            (ANGLE[1][0], joint_state(["l_knee_ab12", "r_knee_ab12"], lambda angle: [9.0, angle])), **dict([VERTICAL]),
-    }),
-}  # fmt: skip
+    "project_march": (
+        "load --with-contact",
+        {
+            "/joint_states": (
+                ANGLE[1][0],
+                joint_state(["left_knee", "right_knee"], lambda angle: [9.0, angle]),
+            ),
+            "/state_estimation/ground_reaction_force/right": CASES["a vector's axis"][2][
+                "/right_grf"
+            ],
+        },
+    ),
+    "ros2_control": (
+        "node",
+        {
+            "/joint_states": (
+                ANGLE[1][0],
+                joint_state(["hip_joint", "knee_joint"], lambda angle: [9.0, angle]),
+            ),
+            "/force_torque_sensor_broadcaster/wrench": (
+                FORCE[1][0],
+                lambda t, _, load: wrench(t, 3.0, 4.0, load),
+            ),
+        },
+    ),
+    "harmony": (
+        "node",
+        {
+            "/harmony/right/joint_states": (
+                ANGLE[1][0],
+                joint_state(["knee_flexion"], lambda angle: [angle]),
+            ),
+            **dict([FORCE]),
+        },
+    ),
+    "rep155": (
+        "load --with-contact",
+        {
+            "/humans/bodies/ab12/joint_states": (
+                ANGLE[1][0],
+                joint_state(["l_knee_ab12", "r_knee_ab12"], lambda angle: [9.0, angle]),
+            ),
+            **dict([VERTICAL]),
+        },
+    ),
+}
 """Command, and topics with their types and what makes their messages, by the name of the parameter file"""
 
 
@@ -57,7 +86,9 @@ def publishers(peer: Peer, topics: dict[str, Any]) -> dict[str, Any]:
     for topic, (kind, _) in topics.items():
         package, _, name = kind.split("/")
         qos = qos_profile_sensor_data if topic == "/joint_states" else QoSProfile(depth=10)
-        found[topic] = peer.node.create_publisher(getattr(import_module(f"{package}.msg"), name), topic, qos)
+        found[topic] = peer.node.create_publisher(
+            getattr(import_module(f"{package}.msg"), name), topic, qos
+        )
     return found
 
 
@@ -77,7 +108,14 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
     live, offline = tmp_path / "live.mcap", tmp_path / "offline.mcap"
     to = publishers(peer, topics)
     wait = ["-p", "knee_contact:pairing.wait:=5.0"]
-    node = start_node("--params-file", f"{robot}.yaml", *wait, "-p", f"knee_contact:record.path:={live}", kind=kind)
+    node = start_node(
+        "--params-file",
+        f"{robot}.yaml",
+        *wait,
+        "-p",
+        f"knee_contact:record.path:={live}",
+        kind=kind,
+    )
     peer.wait_until(lambda: all(each.get_subscription_count() for each in to.values()))
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
     send(peer, to, topics)
@@ -85,7 +123,9 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
     node.stop()
     bag = bag_of(tmp_path / "bag.mcap", topics)
     if kind != "node":
-        estimate_load(bag, load_parameters(robot, LoadParameters), tmp_path / "load.mcap", lambda *_: None)
+        estimate_load(
+            bag, load_parameters(robot, LoadParameters), tmp_path / "load.mcap", lambda *_: None
+        )
         bag = tmp_path / "load.mcap"
     solve(bag, load_parameters(robot), offline, lambda *_: None)
     assert answers(live) == answers(offline)
@@ -95,7 +135,10 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
 def test_messages_without_a_stamp_get_that_of_their_arrival(peer: Peer, start_node: Start) -> None:
     topics = CASES["a number without a stamp"][2]
     now = time.time_ns()
-    topics = {"/angle": topics["/angle"], FORCE[0]: (FORCE[1][0], lambda t, *rest: FORCE[1][1](time.time_ns(), *rest))}
+    topics = {
+        "/angle": topics["/angle"],
+        FORCE[0]: (FORCE[1][0], lambda t, *rest: FORCE[1][1](time.time_ns(), *rest)),
+    }
     to = publishers(peer, topics)
     start_node("-p", "knee.source:=/angle std_msgs/Float64 data on arrival")
     peer.wait_until(lambda: all(each.get_subscription_count() for each in to.values()))
@@ -106,7 +149,10 @@ def test_messages_without_a_stamp_get_that_of_their_arrival(peer: Peer, start_no
         return len(peer.contacts) >= len(STAMPS) - 5
 
     peer.wait_until(answered)  # sent again where a busy machine stamps the angles late
-    stamps = [contact.header.stamp.sec * 10**9 + contact.header.stamp.nanosec for contact in peer.contacts]
+    stamps = [
+        contact.header.stamp.sec * 10**9 + contact.header.stamp.nanosec
+        for contact in peer.contacts
+    ]
     assert now < min(stamps) < max(stamps) < time.time_ns()
     angles = {round(angle, 3) for angle in ANGLES}
     assert min(angles) - 1e-3 <= min(contact.flexion_angle for contact in peer.contacts)

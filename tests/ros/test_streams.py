@@ -40,14 +40,19 @@ from tests.streams.test_gait_events import BODY_WEIGHT, walking
 MS = 1_000_000
 
 
-def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(peer: Peer, start_node: Start) -> None:
+def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(
+    peer: Peer, start_node: Start
+) -> None:
     """The motion goes on; from the next interval on with the new constants, bit for bit as in the Python calls."""
     start_node()
     peer.wait_for_node()
     changes = {
-        "contact.damping": 900.0, "fidelity.tolerance": 1e-8, "fidelity.force_tolerance": 0.1, "femur.mass": 4.0,
+        "contact.damping": 900.0,
+        "fidelity.tolerance": 1e-8,
+        "fidelity.force_tolerance": 0.1,
+        "femur.mass": 4.0,
         "load.share": 0.7,
-    }  # fmt: skip
+    }
     model = load_model({})
     stream, shares, expected = model.stream(), [0.5, 0.7], []
     for i in range(40):
@@ -60,20 +65,40 @@ def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(peer:
         expected.append(stream.tick_ns(i * 5 * MS, 0.2, shares[i >= 20] * axial))
     peer.wait_until(lambda: len(peer.contacts) == 40)
     for name in ("penetration_depth", "penetration_rate", "error_estimate", "status"):
-        assert [getattr(contact, name) for contact in peer.contacts] == [getattr(tick, name) for tick in expected], name
+        assert [getattr(contact, name) for contact in peer.contacts] == [
+            getattr(tick, name) for tick in expected
+        ], name
     refused = set_parameters(peer, {"contact.damping": 5.0, "contact.law": "hertz"})
-    assert refused == (False, "parameter contact.law cannot change while the node is configured, only after a cleanup")
+    assert refused == (
+        False,
+        "parameter contact.law cannot change while the node is configured, only after a cleanup",
+    )
     assert set_parameters(peer, {"fidelity.budget": 7})[0] is False
 
     # Each parameter is set to another value, allowed or not: of most the node says first that they cannot change.
-    page = (ROOT / "docs" / "reference" / "parameters.md").read_text(encoding="utf-8").partition("## knee_load")[0]
+    page = (
+        (ROOT / "docs" / "reference" / "parameters.md")
+        .read_text(encoding="utf-8")
+        .partition("## knee_load")[0]
+    )
     live = re.findall(r"^\| `([\w.]+)` \|.*\| yes \|$", page, re.MULTILINE)
-    named = {*live, *(f"lateral.{name}" for name in live if name.startswith(("femur.", "contact.")))}
+    named = {
+        *live,
+        *(f"lateral.{name}" for name in live if name.startswith(("femur.", "contact."))),
+    }
     reasons = {}
     for name, declared in known_parameters().items():
         default = declared.default
-        end = declared.most if declared.most not in (default, np.inf) else declared.least  # rclpy checks a range first
-        other = not default if isinstance(default, bool) else f"{default}_" if isinstance(default, str) else end
+        end = (
+            declared.most if declared.most not in (default, np.inf) else declared.least
+        )  # rclpy checks a range first
+        other = (
+            not default
+            if isinstance(default, bool)
+            else f"{default}_"
+            if isinstance(default, str)
+            else end
+        )
         reasons[name] = set_parameters(peer, {name: type(default)(other)})[1]
     assert {name for name, reason in reasons.items() if "cannot change" not in reason} == named
 
@@ -81,11 +106,15 @@ def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(peer:
 def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     """Standard overrides, for inputs and outputs; whoever cannot be heard by a reliability that is given is named."""
     node = start_node(
-        "-p", "qos_overrides./joint_states.subscription.reliability:=reliable",
-        "-p", "qos_overrides./joint_states.subscription.depth:=7",
-        "-p", "qos_overrides./joint_states.subscription.reliabilty:=best_effort",
-        "-p", "qos_overrides./knee_contact.publisher.reliability:=best_effort",
-    )  # fmt: skip
+        "-p",
+        "qos_overrides./joint_states.subscription.reliability:=reliable",
+        "-p",
+        "qos_overrides./joint_states.subscription.depth:=7",
+        "-p",
+        "qos_overrides./joint_states.subscription.reliabilty:=best_effort",
+        "-p",
+        "qos_overrides./knee_contact.publisher.reliability:=best_effort",
+    )
     peer.wait_for_node()
     (speaking,) = peer.node.get_publishers_info_by_topic("/knee_contact")
     (beside,) = peer.node.get_publishers_info_by_topic("/knee_contact/wrench")
@@ -103,64 +132,120 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     assert "cannot change while the node is configured" in set_parameters(peer, {fixed: 8})[1]
     output = node.stop()
     assert (
-        output.count("reliabilty has no effect: did you mean qos_overrides./joint_states.subscription.reliabili") == 1
+        output.count(
+            "reliabilty has no effect: did you mean qos_overrides./joint_states.subscription.reliabili"
+        )
+        == 1
     )
-    assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 1
-    assert output.count("a publisher of /joint_reaction_force is best effort; the node listens in the same way") == 1
+    assert (
+        output.count(
+            "a publisher of /joint_states cannot be heard: its QoS does not fit the override"
+        )
+        == 1
+    )
+    assert (
+        output.count(
+            "a publisher of /joint_reaction_force is best effort; the node listens in the same way"
+        )
+        == 1
+    )
 
 
 def test_what_makes_no_sense_and_what_is_late_is_told(peer: Peer, start_node: Start) -> None:
     """A stiffness in N/mm^1.5: in the log, in /diagnostics and in the ticks' status; an angle that does not come."""
-    node = start_node("-p", "contact.stiffness:=2500", "-p", "deadline:=0.05", "-p", "pairing.wait:=0.3")
+    node = start_node(
+        "-p", "contact.stiffness:=2500", "-p", "deadline:=0.05", "-p", "pairing.wait:=0.3"
+    )
     peer.wait_for_node()
     for i in range(10):
         peer.send(i * 10 * MS, 0.2, 800.0)
     peer.wait_until(lambda: len(peer.contacts) == 10)
     assert all(contact.status & Status.IMPLAUSIBLE for contact in peer.contacts)
-    peer.wait_until(lambda: "10 of 10 ticks are up to 295 mm deep" in peer.problems.get("knee_contact: ticks", ""))
+    peer.wait_until(
+        lambda: (
+            "10 of 10 ticks are up to 295 mm deep" in peer.problems.get("knee_contact: ticks", "")
+        )
+    )
     assert set_parameters(peer, {"contact.stiffness": 2400.0}) == (True, "")
-    peer.wait_until(lambda: peer.problems["knee_contact: ticks"] == "ok")  # in a second without ticks
+    peer.wait_until(
+        lambda: peer.problems["knee_contact: ticks"] == "ok"
+    )  # in a second without ticks
     before = int(peer.diagnostics["knee_contact: ticks"]["missed deadlines"])
     peer.send_force(100 * MS, 800.0)
-    peer.wait_until(lambda: int(peer.diagnostics["knee_contact: ticks"]["missed deadlines"]) == before + 1)
+    peer.wait_until(
+        lambda: int(peer.diagnostics["knee_contact: ticks"]["missed deadlines"]) == before + 1
+    )
     said = node.stop()
-    for words in ("contact.stiffness 2500 N/m^1.5 gives", "contact.stiffness 2400 N/m^1.5 gives", "(IMPLAUSIBLE)"):
+    for words in (
+        "contact.stiffness 2500 N/m^1.5 gives",
+        "contact.stiffness 2400 N/m^1.5 gives",
+        "(IMPLAUSIBLE)",
+    ):
         assert ["WARN" in line for line in said.splitlines() if words in line] == [True], words
 
 
 def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> None:
     """By the frontal moment: 43.75 N m between compartments 70 mm apart move 625 N from one to the other."""
-    node = start_node("-p", "load.compartment:=moment_balance", "-p", "diagnostics.load_deviation:=0.1")
+    node = start_node(
+        "-p", "load.compartment:=moment_balance", "-p", "diagnostics.load_deviation:=0.1"
+    )
     peer.wait_for_node()
     for i, moment in enumerate((0.0, 43.75, -43.75)):
         peer.send_angle(i * 5 * MS, 0.2)
-        peer.force.publish(encode_wrench_stamped(Wrench(i * 5 * MS, "tibia_r", (0.0, -900.0, 0.0), (moment, 0.0, 0.0))))
+        peer.force.publish(
+            encode_wrench_stamped(
+                Wrench(i * 5 * MS, "tibia_r", (0.0, -900.0, 0.0), (moment, 0.0, 0.0))
+            )
+        )
     peer.wait_until(lambda: len(peer.contacts) == 3)
     loads = [contact.load for contact in peer.contacts]
     assert loads == pytest.approx([450.0, 450.0 - 625.0, 450.0 + 625.0], rel=1e-12)
-    assert [contact.status for contact in peer.contacts] == [0, Status.DOUBTFUL_LOAD, Status.DOUBTFUL_LOAD]
+    assert [contact.status for contact in peer.contacts] == [
+        0,
+        Status.DOUBTFUL_LOAD,
+        Status.DOUBTFUL_LOAD,
+    ]
     peer.wait_until(lambda: peer.problems.get("knee_contact: load"))
     last = peer.contacts[-1]
     force = 73.7068 * last.contact_force / last.load  # a tenth of 737.07 N
     depth = force / (1.5 * 7.905694e7 * last.penetration_depth**0.5)
-    off = {"knee_contact: force +- [N]": f"{force:.1f}", "knee_contact: depth +- [mm]": f"{1e3 * depth:.4f}"}
+    off = {
+        "knee_contact: force +- [N]": f"{force:.1f}",
+        "knee_contact: depth +- [mm]": f"{1e3 * depth:.4f}",
+    }
     assert peer.diagnostics["knee_contact: load"] == {
-        "from [N]": "-175.0", "to [N]": "1075.0",
-        "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1", **off,
-    }  # fmt: skip
+        "from [N]": "-175.0",
+        "to [N]": "1075.0",
+        "share of the axial load": "-0.19 to 1.19",
+        "above 1": "1",
+        "below 0": "1",
+        **off,
+    }
     assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()
 
 
-def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(peer: Peer, start_node: Start) -> None:
+def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(
+    peer: Peer, start_node: Start
+) -> None:
     node = start_node("-p", "contact.law:=two_layer_viscoelastic")
     peer.wait_for_node()
-    names = list(call(peer, ListParameters, "/knee_contact/list_parameters", ListParameters.Request()).result.names)
+    names = list(
+        call(
+            peer, ListParameters, "/knee_contact/list_parameters", ListParameters.Request()
+        ).result.names
+    )
     own = [name for name in names if name in known_parameters()]
 
-    values = call(peer, GetParameters, "/knee_contact/get_parameters", GetParameters.Request(names=own)).values
-    before = [ParameterMessage(name=name, value=value) for name, value in zip(own, values, strict=True)]
+    values = call(
+        peer, GetParameters, "/knee_contact/get_parameters", GetParameters.Request(names=own)
+    ).values
+    before = [
+        ParameterMessage(name=name, value=value) for name, value in zip(own, values, strict=True)
+    ]
     assert len(own) > 100
-    request = SetParameters.Request(parameters=before)  # as `ros2 param load` of `ros2 param dump` does
+    request = SetParameters.Request(
+        parameters=before
+    )  # as `ros2 param load` of `ros2 param dump` does
     results = call(peer, SetParameters, "/knee_contact/set_parameters", request).results
     assert {(result.successful, result.reason) for result in results} == {(True, "")}
 
@@ -170,7 +255,9 @@ def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(pe
     def alternate(start: int) -> int:
         for stamp in range(start, start + 100 * 5 * MS, 5 * MS):
             peer.send(stamp, 0.8, 900.0)
-            message = JointState(header=header(RosMessages, stamp + MS, ""), name=["knee"], position=[0.0])
+            message = JointState(
+                header=header(RosMessages, stamp + MS, ""), name=["knee"], position=[0.0]
+            )
             other.publish(message)
             peer.spin(0.002)  # else all of one come before all of the other
         return start + 100 * 5 * MS
@@ -186,13 +273,25 @@ def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(pe
 
     peer.wait_until(told("joint_states", "publishers send it and disagree"))
     output = node.stop()
-    assert "the joint 'knee' of joint_states goes back and forth by about 0.80 rad between samples" in output
+    assert (
+        "the joint 'knee' of joint_states goes back and forth by about 0.80 rad between samples"
+        in output
+    )
 
 
-def test_each_stride_is_told_once_with_the_numbers_of_python(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_each_stride_is_told_once_with_the_numbers_of_python(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
     strides: list[JointState] = []
     peer.node.create_subscription(JointState, "knee_contact/stride", strides.append, 10)
-    weight = ["-p", f"body_weight:={BODY_WEIGHT}", "-p", "load.compartment:=total", "-p", "pairing.wait:=5.0"]
+    weight = [
+        "-p",
+        f"body_weight:={BODY_WEIGHT}",
+        "-p",
+        "load.compartment:=total",
+        "-p",
+        "pairing.wait:=5.0",
+    ]
     node = start_node("-p", f"record.path:={tmp_path / 'live.mcap'}", *weight)
     peer.wait_for_node()
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact/stride"))
@@ -205,20 +304,38 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(peer: Peer, start_n
     peer.wait_until(lambda: len(strides) >= 5)
     node.stop()
     known = strides_of(read_answers(tmp_path / "live.mcap"), BODY_WEIGHT)
-    assert len(strides) in (len(known) - 1, len(known))  # the end of a run may make a last one certain
+    assert len(strides) in (
+        len(known) - 1,
+        len(known),
+    )  # the end of a run may make a last one certain
     for message, stride in zip(strides, known, strict=False):
         numbers = dict(zip(message.name, message.position, strict=True))
         assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stride.span.end
         names = ("peak_force", "peak_depth", "impulse", "stance_impulse", "loading_rate", "usable")
-        assert [numbers[name] for name in names] == [float(getattr(stride, name)) for name in names]
+        assert [numbers[name] for name in names] == [
+            float(getattr(stride, name)) for name in names
+        ]
         assert numbers["stride_time"] == stride.span.duration
-        assert numbers["stance_time"] == pytest.approx(0.01 * stride.span.stance * stride.span.duration, rel=1e-12)
+        assert numbers["stance_time"] == pytest.approx(
+            0.01 * stride.span.stance * stride.span.duration, rel=1e-12
+        )
         assert 0.2 < numbers["phase"] * numbers["stride_time"] < 0.7  # [s] after the heel strike
 
 
-@pytest.mark.parametrize(("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)])
+@pytest.mark.parametrize(
+    ("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)]
+)
 def test_the_phase_is_not_told_where_stamps_have_jumped(now: float, phase: float) -> None:
-    stride = Stride(Span(10**9, 16 * 10**8, 2 * 10**9), 1.0, 1.0, 1.0, 1.0, 1.0, usable=True, sliding_distance=0.0)
+    stride = Stride(
+        Span(10**9, 16 * 10**8, 2 * 10**9),
+        1.0,
+        1.0,
+        1.0,
+        1.0,
+        1.0,
+        usable=True,
+        sliding_distance=0.0,
+    )
     message = deserialize_message(encode_stride(stride, "", round(now * 1e9)), JointState)
     assert message.position[message.name.index("phase")] == pytest.approx(phase, nan_ok=True)
 
@@ -240,8 +357,13 @@ def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
     peer.wait_until(lambda: peer.node.count_publishers(KNEE_CONTACT_MARKERS))
     peer.node.create_subscription(MarkerArray, KNEE_CONTACT_MARKERS, pictures.append, 10)
     number = 0
-    while len({marker.action for picture in pictures for marker in picture.markers[-1:]}) < 2 and number < 200:
-        load = 450.0 * (number // 4 % 2)  # when it ends, the contact needs longer than a tick to lose its force
+    while (
+        len({marker.action for picture in pictures for marker in picture.markers[-1:]}) < 2
+        and number < 200
+    ):
+        load = 450.0 * (
+            number // 4 % 2
+        )  # when it ends, the contact needs longer than a tick to lose its force
         peer.send(number * APART, 0.02 * (number % 50), load)
         number += 1
         peer.wait_until(lambda: len(peer.contacts) == number)  # noqa: B023
@@ -252,9 +374,17 @@ def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
         contact = answers[stamp]
         assert [marker.ns for marker in markers] == [f"knee/{name}" for name in NAMES]
         assert {stamp_of(marker) for marker in markers} == {stamp}
-        assert {marker.header.frame_id for marker in markers} == {contact.header.frame_id} == {"tibia_r"}
+        assert (
+            {marker.header.frame_id for marker in markers}
+            == {contact.header.frame_id}
+            == {"tibia_r"}
+        )
         _, _, point, force = markers
-        assert place_of(point).tolist() == [contact.contact_point.x, contact.contact_point.y, contact.contact_point.z]
+        assert place_of(point).tolist() == [
+            contact.contact_point.x,
+            contact.contact_point.y,
+            contact.contact_point.z,
+        ]
         assert force.action == (Marker.ADD if contact.contact_force else Marker.DELETE)
     assert {bool(answers[stamp].contact_force) for stamp in shown} == {True, False}
 
@@ -266,15 +396,21 @@ PACE = re.compile("deadline|behind|wait for the other topic|silent for|no answer
 def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> None:
     """Send a walk to a node that begins anew, when each side has heard that the other one is there again."""
     assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
-    peer.wait_until(lambda: not peer.angle.get_subscription_count() and not peer.force.get_subscription_count())
+    peer.wait_until(
+        lambda: not peer.angle.get_subscription_count() and not peer.force.get_subscription_count()
+    )
     for transition in (
-        Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE,
-    ):  # fmt: skip
+        Transition.TRANSITION_CLEANUP,
+        Transition.TRANSITION_CONFIGURE,
+        Transition.TRANSITION_ACTIVATE,
+    ):
         assert change_state(peer, transition)
     peer.wait_for_node()
     peer.told.clear()
     peer.contacts.clear()
-    for stamp, flexion, axial in zip(np.rint(1e9 * time).astype(np.int64).tolist(), angle, load, strict=True):
+    for stamp, flexion, axial in zip(
+        np.rint(1e9 * time).astype(np.int64).tolist(), angle, load, strict=True
+    ):
         peer.send(stamp, float(flexion), float(axial))
         peer.executor.spin_once(timeout_sec=0.0)
 
@@ -284,8 +420,12 @@ def test_each_mistake_is_told_live(peer: Peer, start_node: Start) -> None:
     peer.wait_for_node()
     right: Columns = gait()
     walk(peer, *right)
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("ticks") == str(len(right[0])))
-    assert {words for each in peer.told for words in each.split("; ") if not PACE.search(words)} == {"ok"}
+    peer.wait_until(
+        lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("ticks") == str(len(right[0]))
+    )
+    assert {
+        words for each in peer.told for words in each.split("; ") if not PACE.search(words)
+    } == {"ok"}
     for change, words in list(WAYS[by_bag].values())[::4]:  # a few of each kind
         walk(peer, *change(*right))
         peer.wait_until(lambda words=words: re.search(words, "; ".join(peer.told)))

@@ -51,7 +51,9 @@ def is_number(message: Any, field: str) -> bool:
 
 @pytest.mark.parametrize("name", MADE)
 def test_the_shipped_layouts_are_what_the_script_makes(config: Path, name: str) -> None:
-    assert (config / name).read_text() == MADE[name], "make it again: python -m scripts.make_layouts"
+    assert (config / name).read_text() == MADE[name], (
+        "make it again: python -m scripts.make_layouts"
+    )
 
 
 def test_foxglove_every_path_is_a_number_of_the_recording(messages: dict[str, Any]) -> None:
@@ -73,7 +75,9 @@ def test_a_recording_names_the_states_as_foxglove_reads_them(recording: Path) ->
         summary = make_reader(file).get_summary()
     assert summary is not None
     (definition,) = (
-        each.data.decode() for each in summary.schemas.values() if each.name == MESSAGE_TYPES[KNEE_CONTACT]
+        each.data.decode()
+        for each in summary.schemas.values()
+        if each.name == MESSAGE_TYPES[KNEE_CONTACT]
     )
     named: dict[str, dict[int, str]] = {}
     constants: dict[int, str] = {}
@@ -85,17 +89,28 @@ def test_a_recording_names_the_states_as_foxglove_reads_them(recording: Path) ->
     assert named == {
         "contact_state": {state.value: state.name for state in ContactState},
         "fidelity": {level.value: level.name for level in Fidelity},
-        "status": {0: "OK"} | {bit.value: bit.name for bit in Status} | {UNUSABLE.value: "UNUSABLE"},
+        "status": {0: "OK"}
+        | {bit.value: bit.name for bit in Status}
+        | {UNUSABLE.value: "UNUSABLE"},
     }
     assert "# [m] >= 0; 0 when apart" in definition  # and the units
 
 
 def test_plotjuggler_every_curve_is_a_number_of_the_recording(messages: dict[str, Any]) -> None:
-    old, new = (ET.fromstring(MADE[f"plotjuggler/knee_contact.{kind}"]) for kind in ("xml", "pj4.xml"))  # noqa: S314
+    old, new = (
+        ET.fromstring(MADE[f"plotjuggler/knee_contact.{kind}"])  # noqa: S314
+        for kind in ("xml", "pj4.xml")
+    )
     curves = [curve.attrib["name"] for curve in old.iter("curve")]
     assert len(curves) == SERIES
-    assert [f"{curve.attrib['topic']}/{curve.attrib['field']}" for curve in new.iter("curve")] == curves
+    assert [
+        f"{curve.attrib['topic']}/{curve.attrib['field']}" for curve in new.iter("curve")
+    ] == curves
     for curve in curves:
         topic = max((topic for topic in messages if curve.startswith(f"{topic}/")), key=len)
         field = curve.removeprefix(f"{topic}/").replace("/", ".")
-        assert field == "knee.position" if topic == "/joint_states" else is_number(messages[topic], field)
+        assert (
+            field == "knee.position"
+            if topic == "/joint_states"
+            else is_number(messages[topic], field)
+        )

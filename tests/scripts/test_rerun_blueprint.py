@@ -65,8 +65,16 @@ def content(blueprint: Path) -> set[str]:
     found = set()
     for chunk in RrdReader(blueprint).stream(store=store):
         batch = chunk.to_record_batch()
-        for name in set(batch.schema.names) - {"rerun.controls.RowId", "log_time", "log_tick", "blueprint"}:
-            if name not in ("ActiveVisualizers:instruction_ids", "ViewportBlueprint:root_container"):
+        for name in set(batch.schema.names) - {
+            "rerun.controls.RowId",
+            "log_time",
+            "log_tick",
+            "blueprint",
+        }:
+            if name not in (
+                "ActiveVisualizers:instruction_ids",
+                "ViewportBlueprint:root_container",
+            ):
                 said = f"{chunk.entity_path} {name} {batch.column(name).to_pylist()}"
                 found.add(re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "...", said))
     return found
@@ -74,7 +82,9 @@ def content(blueprint: Path) -> set[str]:
 
 def test_the_shipped_blueprint_is_what_the_module_makes(shipped: Path, tmp_path: Path) -> None:
     blueprint().save(APPLICATION, tmp_path / "new.rbl")
-    assert content(shipped) == content(tmp_path / "new.rbl"), "make it again: python -m scripts.make_rerun_blueprint"
+    assert content(shipped) == content(tmp_path / "new.rbl"), (
+        "make it again: python -m scripts.make_rerun_blueprint"
+    )
     assert RrdReader(shipped).blueprints()[0].application_id == APPLICATION
 
 
@@ -88,7 +98,10 @@ def seen(screen: Screen) -> None:
         picture = screen.picture(plot.headline)
         for curve in plot.curves:
             # A line across the view has a pixel in each of its 800 columns; edges are blended, and curves cross.
-            assert pixels_of(picture, COLOURS[curve.colour]) > picture.shape[1] / 8, (plot.title, curve.name)
+            assert pixels_of(picture, COLOURS[curve.colour]) > picture.shape[1] / 8, (
+                plot.title,
+                curve.name,
+            )
     lanes = screen.picture(STATES)
     for word in (ContactState.CARTILAGE, ContactState.BONE):
         assert darkened(lanes, LANES[0].colours[word]) > 1000
@@ -103,7 +116,9 @@ def darkened(picture: NDArray[np.uint8], colour: str) -> int:
     return pixels_of(picture, (*(round(0.785 * part) for part in COLOURS[colour]),), within=3)
 
 
-def test_opened_directly_with_the_shipped_blueprint(recording: Path, shipped: Path, tmp_path: Path) -> None:
+def test_opened_directly_with_the_shipped_blueprint(
+    recording: Path, shipped: Path, tmp_path: Path
+) -> None:
     routed = rerun("rrd", "route", "--application-id", application_of(recording), shipped)
     with piped(routed, tmp_path) as blueprint, rendered(recording, blueprint) as screen:
         seen(screen)

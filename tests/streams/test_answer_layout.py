@@ -34,42 +34,67 @@ def message(stamp: int, frame: str) -> bytes:
 def without(*names: str) -> str:
     """The present definition without some fields."""
     lines = TEXT.splitlines(keepends=True)
-    return "".join(line for line in lines if not any(line.startswith(f"float64 {name} ") for name in names))
+    return "".join(
+        line for line in lines if not any(line.startswith(f"float64 {name} ") for name in names)
+    )
 
 
 @pytest.mark.parametrize("definition_", [NO_DEFINITION, described(TEXT)])
 def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefinition) -> None:
     frames, trailing = ("tibia", "a long frame", "tibia"), (b"", b"\1", b"\1\2\3")
-    messages = [message(stamp, frame) + more for stamp, frame, more in zip(STAMPS, frames, trailing, strict=True)]
+    messages = [
+        message(stamp, frame) + more
+        for stamp, frame, more in zip(STAMPS, frames, trailing, strict=True)
+    ]
     found = decode_answers(Column.of(messages), definition_)
     assert found["stamp"].tolist() == STAMPS
-    assert [found.view(FLAT)[name].tolist() for name in TOLD] == [[number] * 3 for number in range(len(TOLD))]
+    assert [found.view(FLAT)[name].tolist() for name in TOLD] == [
+        [number] * 3 for number in range(len(TOLD))
+    ]
 
 
 @settings(max_examples=15, deadline=None)
-@given(st.sets(st.sampled_from(sorted(ADDED))), st.booleans(), st.text(max_size=9), st.lists(st.booleans(), max_size=2))
+@given(
+    st.sets(st.sampled_from(sorted(ADDED))),
+    st.booleans(),
+    st.text(max_size=9),
+    st.lists(st.booleans(), max_size=2),
+)
 def test_every_definition_is_read_as_rosbags_does(
     missing: set[str], little_endian: bool, frame: str, more: list[bool]
 ) -> None:
     text, frame = without(*missing), frame.replace("\x00", "")
     for number, wide in enumerate(more):  # fields that this package does not know, in the middle
-        text = text.replace("float64 gap ", f"{'float32' if wide else 'bool'} unknown{number}\nfloat64 gap ")
+        text = text.replace(
+            "float64 gap ", f"{'float32' if wide else 'bool'} unknown{number}\nfloat64 gap "
+        )
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(text, TYPE))
     values = {name: float(number) for number, name in enumerate(TOLD)}
-    integers = {name: int(values[name]) for name in ("contact_state", "fidelity", "status", "evaluations")}
+    integers = {
+        name: int(values[name]) for name in ("contact_state", "fidelity", "status", "evaluations")
+    }
     types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
     point = types["Point"](*(values[f"contact_point_{axis}"] for axis in "xyz"))
-    fields = values | integers | {"contact_point": point} | {f"unknown{n}": True for n in range(len(more))}
+    fields = (
+        values
+        | integers
+        | {"contact_point": point}
+        | {f"unknown{n}": True for n in range(len(more))}
+    )
     fields["header"] = types["Header"](types["Time"](-7, 5), frame)
     names = [name for name, _ in store.fielddefs[TYPE][1]]
     data = bytes(
-        store.serialize_cdr(store.types[TYPE](*(fields[name] for name in names)), TYPE, little_endian=little_endian)
+        store.serialize_cdr(
+            store.types[TYPE](*(fields[name] for name in names)), TYPE, little_endian=little_endian
+        )
     )
     rows = decode_answers(Column.of([data, data]), described(text))
     assert rows["stamp"].tolist() == [-7 * NANOSECONDS + 5] * 2
     for name, value in values.items():
-        assert np.array_equal(rows.view(FLAT)[name], [np.nan if name in missing else value] * 2, equal_nan=True), name
+        assert np.array_equal(
+            rows.view(FLAT)[name], [np.nan if name in missing else value] * 2, equal_nan=True
+        ), name
 
 
 def test_fields_of_no_fixed_size_end_what_is_read() -> None:
@@ -78,7 +103,9 @@ def test_fields_of_no_fixed_size_end_what_is_read() -> None:
     (row,) = decode_answers(Column.of([data + b"\0" * 50]), described(text)).view(FLAT)
     assert [row[name] for name in TOLD] == list(range(len(TOLD)))
     with pytest.raises(ValueError, match="has no evaluations"):
-        places_of(described(TEXT.replace("uint32 evaluations ", "string words\nuint32 evaluations ")))
+        places_of(
+            described(TEXT.replace("uint32 evaluations ", "string words\nuint32 evaluations "))
+        )
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,9 @@ def messages(moment: float = 0.0) -> Iterator[tuple[bytes, bytes]]:
         state = JointState(i * STEP, "", ("knee",), (angle,), (), ())
         yield (
             encode_joint_state(state),
-            encode_wrench_stamped(WrenchStamped(i * STEP, "tibia_r", (0.0, -force, 0.0), (moment, 0.0, 0.0))),
+            encode_wrench_stamped(
+                WrenchStamped(i * STEP, "tibia_r", (0.0, -force, 0.0), (moment, 0.0, 0.0))
+            ),
         )
 
 
@@ -73,18 +75,33 @@ def quick_pipeline(sources: Any) -> ContactStream:
 
 def without_place(rows: Rows) -> list[tuple[Any, ...]]:
     """All numbers but those that tell where the compartment lies."""
-    names = [name for name in FLAT.names or () if name not in
-             ("contact_point_z", "contact_wrench_torque_x", "contact_wrench_torque_y")]  # fmt: skip
+    names = [
+        name
+        for name in FLAT.names or ()
+        if name not in ("contact_point_z", "contact_wrench_torque_x", "contact_wrench_torque_y")
+    ]
     return list(zip(*(rows.view(FLAT)[name].tolist() for name in names), strict=True))
 
 
 KNEES: list[dict[str, Any]] = [
     *({"contact.law": law} for law in CONTACT_LAWS),
     {"lateral.contact.law": "two_layer_viscoelastic", "lateral.femur.radius": 0.028},
-    {"lateral.tibia.geometry": "circle", "lateral.tibia.radius": 0.08, "lateral.contact.stiffness": 5e7},
-    {"femur.geometry": "profile", "femur.profile": "femur_medial.csv", "lateral.femur.profile": "femur_lateral.csv"},
+    {
+        "lateral.tibia.geometry": "circle",
+        "lateral.tibia.radius": 0.08,
+        "lateral.contact.stiffness": 5e7,
+    },
+    {
+        "femur.geometry": "profile",
+        "femur.profile": "femur_medial.csv",
+        "lateral.femur.profile": "femur_lateral.csv",
+    },
     *({"fidelity.level": level} for level in ("quasi_static", "dynamic")),
-    {"translation.mechanism": "parallel_mechanism", "tibia.slope": 0.1, "lateral.tibia.slope": -0.05},
+    {
+        "translation.mechanism": "parallel_mechanism",
+        "tibia.slope": 0.1,
+        "lateral.tibia.slope": -0.05,
+    },
 ]
 
 
@@ -96,24 +113,38 @@ def test_each_compartment_answers_as_if_it_were_alone(values: dict[str, Any]) ->
     _, (expected,) = one_by_one(quick_pipeline([values, {"load.share": 0.6}]))
     assert without_place(medial) == without_place(expected)
     own = lateral_knee(parameters)
-    texts = {name: (Path(knee_contact_ros.__file__).parents[1] / "config" / file).read_text()
-             for name, file in (("femur.profile", own.femur.profile),) if file}  # fmt: skip
+    texts = {
+        name: (Path(knee_contact_ros.__file__).parents[1] / "config" / file).read_text()
+        for name, file in (("femur.profile", own.femur.profile),)
+        if file
+    }
     stream = quick(build_model(own, curves=texts)).stream()
-    again = [stream.tick_ns(int(row["stamp"]), float(row["flexion_angle"]), float(row["load"])) for row in lateral]
+    again = [
+        stream.tick_ns(int(row["stamp"]), float(row["flexion_angle"]), float(row["load"]))
+        for row in lateral
+    ]
     assert without_place(np.array(again, ROW)) == without_place(lateral)
 
 
 @settings(deadline=None, max_examples=25)
 @given(
-    share=st.floats(0.01, 1.0), moment=st.floats(-10.0, 10.0), split=st.sampled_from(["fixed_share", "moment_balance"])
+    share=st.floats(0.01, 1.0),
+    moment=st.floats(-10.0, 10.0),
+    split=st.sampled_from(["fixed_share", "moment_balance"]),
 )
-def test_medial_and_lateral_load_are_the_axial_load(share: float, moment: float, split: str) -> None:
+def test_medial_and_lateral_load_are_the_axial_load(
+    share: float, moment: float, split: str
+) -> None:
     _, (medial, lateral) = one_by_one(
-        pipeline_of({"load.share": share, "load.split": split, "fidelity.level": "quasi_static"}), moment
+        pipeline_of({"load.share": share, "load.split": split, "fidelity.level": "quasi_static"}),
+        moment,
     )
     axial = 700.0 - 800.0 * np.cos(0.2 * np.arange(TICKS))
     largest = np.maximum(np.abs(medial["load"]), np.abs(lateral["load"]))
-    assert (np.abs(medial["load"] + lateral["load"] - axial) <= ROUNDINGS * np.maximum(largest, np.abs(axial))).all()
+    assert (
+        np.abs(medial["load"] + lateral["load"] - axial)
+        <= ROUNDINGS * np.maximum(largest, np.abs(axial))
+    ).all()
 
 
 def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
@@ -121,7 +152,9 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     answers, (medial, lateral) = one_by_one(pipeline_of({"load.share": 0.7}))
     wrenches = [WRENCH.decode(answer.records[-1][2])[0] for answer in answers]
     total = medial["contact_force"] + lateral["contact_force"]
-    assert [wrench.force[1] for wrench in wrenches if wrench] == pytest.approx((-total).tolist(), rel=ROUNDINGS)
+    assert [wrench.force[1] for wrench in wrenches if wrench] == pytest.approx(
+        (-total).tolist(), rel=ROUNDINGS
+    )
     moment = 0.025 * (lateral["contact_force"] - medial["contact_force"])
     found = [wrench.torque[0] for wrench in wrenches if wrench]
     assert found == pytest.approx(moment.tolist(), abs=ROUNDINGS * 0.025 * float(total.max()))
@@ -129,17 +162,34 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     assert set(lateral["contact_point"]["z"]) == {0.025}
 
 
-def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_path: Path) -> None:
+def test_a_recording_of_both_is_computed_again_from_itself(
+    right_bag: Path, tmp_path: Path
+) -> None:
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in recorded_topics(has_both=True)}
-    parameters = load_parameters(["healthy", "both_compartments", {"lateral.contact.damping": 900.0}])
-    summary = solve(right_bag, parameters, tmp_path / "one.mcap", lambda _done, _total: None, compiled=True)
+    parameters = load_parameters(
+        ["healthy", "both_compartments", {"lateral.contact.damping": 900.0}]
+    )
+    summary = solve(
+        right_bag, parameters, tmp_path / "one.mcap", lambda _done, _total: None, compiled=True
+    )
     assert summary.lateral is not None
     assert summary.lateral.ticks == summary.ticks == 387
     provenance = read_provenance(tmp_path / "one.mcap")
     assert provenance is not None
     assert provenance.parameters == parameters
-    solve(tmp_path / "one.mcap", provenance, tmp_path / "two.mcap", lambda _done, _total: None, compiled=True)
-    one, two = ([(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
-                for name in ("one.mcap", "two.mcap"))  # fmt: skip
+    solve(
+        tmp_path / "one.mcap",
+        provenance,
+        tmp_path / "two.mcap",
+        lambda _done, _total: None,
+        compiled=True,
+    )
+    one, two = (
+        [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
+        for name in ("one.mcap", "two.mcap")
+    )
     assert one == two
-    assert Counter(topic for topic, *_ in one) == dict.fromkeys(types, 387) | {"/robot_description": 1, "/tf": 98}
+    assert Counter(topic for topic, *_ in one) == dict.fromkeys(types, 387) | {
+        "/robot_description": 1,
+        "/tf": 98,
+    }

@@ -32,7 +32,9 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 ROUNDING = 1e-12
 """A few products of numbers of order 1: 1e-16 each"""
 vectors = arrays(float, 3, elements=st.floats(-1.0, 1.0))
-quaternions = arrays(float, 4, elements=st.floats(-1.0, 1.0)).filter(lambda q: np.linalg.norm(q) > 0.1)
+quaternions = arrays(float, 4, elements=st.floats(-1.0, 1.0)).filter(
+    lambda q: np.linalg.norm(q) > 0.1
+)
 
 
 def wrench(
@@ -153,7 +155,9 @@ def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
     assert not frame.take_turn_note()
     told(frame, Transform("tibia", "sensor", NOWHERE, (0.0, 0.0, 1.0, 0.0)))
-    assert take(frame, wrench("sensor", (0.0, -1.0, 0.0))).force == pytest.approx((0.0, 1.0, 0.0), abs=ROUNDING)
+    assert take(frame, wrench("sensor", (0.0, -1.0, 0.0))).force == pytest.approx(
+        (0.0, 1.0, 0.0), abs=ROUNDING
+    )
     assert frame.take_turn_note()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
 
 

@@ -11,14 +11,22 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
+from knee_contact_ros.streams.gait_events import (
+    HEEL_STRIKE,
+    LOAD_PEAK,
+    TOE_OFF,
+    GaitEvent,
+    GaitEvents,
+)
 from knee_contact_ros.streams.topics import stamp_to_ns
 from knee_contact_ros.system.files import share_folder
 
 BODY_WEIGHT = 737.068
 Samples = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
-GROUND_REACTION = {"right": {HEEL_STRIKE: [0.618, 1.853], TOE_OFF: [1.410]},
-                   "left": {HEEL_STRIKE: [1.247, 2.460], TOE_OFF: [0.788, 2.018]}}  # fmt: skip
+GROUND_REACTION = {
+    "right": {HEEL_STRIKE: [0.618, 1.853], TOE_OFF: [1.410]},
+    "left": {HEEL_STRIKE: [1.247, 2.460], TOE_OFF: [0.788, 2.018]},
+}
 """[s] at which the vertical ground reaction passes 20 N; bags/README.md"""
 LARGEST_ERROR = 0.005
 """[s] measured 4.1 ms"""
@@ -28,12 +36,23 @@ STRIDE = 1.235
 
 def gait(side: str) -> Samples:
     bag = read_bag(share_folder() / "bags" / f"gait2354_{side}", INPUT_TYPES)
-    angles = {stamp_to_ns(m.message.header.stamp): m.message.position[0] for m in bag if m.topic == "/joint_states"}
-    forces = {stamp_to_ns(m.message.header.stamp): m.message.wrench.force.y for m in bag if m.topic != "/joint_states"}
+    angles = {
+        stamp_to_ns(m.message.header.stamp): m.message.position[0]
+        for m in bag
+        if m.topic == "/joint_states"
+    }
+    forces = {
+        stamp_to_ns(m.message.header.stamp): m.message.wrench.force.y
+        for m in bag
+        if m.topic != "/joint_states"
+    }
     assert angles.keys() == forces.keys()
     stamps = sorted(angles)
-    return (np.array(stamps), np.array([angles[stamp] for stamp in stamps]),
-            np.array([-0.5 * forces[stamp] for stamp in stamps]))  # fmt: skip
+    return (
+        np.array(stamps),
+        np.array([angles[stamp] for stamp in stamps]),
+        np.array([-0.5 * forces[stamp] for stamp in stamps]),
+    )
 
 
 RIGHT, LEFT = gait("right"), gait("left")
@@ -42,14 +61,22 @@ RIGHT, LEFT = gait("right"), gait("left")
 def walking(rate: float, seconds: float) -> Samples:
     """The right leg's gait cycle over and over; its last 0.1 s goes over into the first one's beginning."""
     time, (stamps, angle, load) = np.arange(round(rate * seconds)) / rate, RIGHT
-    phase, recorded, begin = time % STRIDE, stamps / 1e9, GROUND_REACTION["right"][HEEL_STRIKE][0] - 0.08
+    phase, recorded, begin = (
+        time % STRIDE,
+        stamps / 1e9,
+        GROUND_REACTION["right"][HEEL_STRIKE][0] - 0.08,
+    )
     again = np.clip((phase - STRIDE + 0.08) / 0.08, 0.0, 1.0)
     signals = [
         (1.0 - again) * np.interp(begin + phase, recorded, signal)
         + again * np.interp(np.maximum(begin + phase - STRIDE, recorded[0]), recorded, signal)
         for signal in (angle, load)
     ]
-    return np.round(1e9 * time).astype(np.int64) + 1_700_000_000_000_000_000, signals[0], signals[1]
+    return (
+        np.round(1e9 * time).astype(np.int64) + 1_700_000_000_000_000_000,
+        signals[0],
+        signals[1],
+    )
 
 
 def found(samples: Samples, cuts: tuple[int, ...] = ()) -> list[GaitEvent]:
@@ -68,7 +95,9 @@ def times(events: list[GaitEvent], kind: str) -> list[float]:
 @pytest.mark.parametrize(("side", "samples"), [("right", RIGHT), ("left", LEFT)])
 @pytest.mark.parametrize("kind", [HEEL_STRIKE, TOE_OFF])
 @pytest.mark.parametrize("share", [1.0, 2.0], ids=["half of the load", "all of it"])
-def test_events_of_the_shipped_gait_are_those_of_the_ground_reaction(side, samples: Samples, kind, share) -> None:
+def test_events_of_the_shipped_gait_are_those_of_the_ground_reaction(
+    side, samples: Samples, kind, share
+) -> None:
     stamps, angle, load = samples
     assert times(found((stamps, angle, share * load)), kind) == pytest.approx(
         GROUND_REACTION[side][kind], abs=LARGEST_ERROR
@@ -96,7 +125,11 @@ def test_every_step_is_found_at_any_rate(rate: float) -> None:
     assert len(times(events, LOAD_PEAK)) == 2 * 49
 
 
-@given(st.lists(st.integers(0, 1500), max_size=30), st.integers(0, 3), st.sampled_from([100.0, 333.0, 1000.0]))
+@given(
+    st.lists(st.integers(0, 1500), max_size=30),
+    st.integers(0, 3),
+    st.sampled_from([100.0, 333.0, 1000.0]),
+)
 def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) -> None:
     stamps, angle, load = walking(rate, 1500 / rate)
     random = np.random.default_rng(noise)
@@ -104,7 +137,9 @@ def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) ->
     load = load + 30.0 * noise * random.standard_normal(len(load))
     stamps[700:] -= 100_000_000 * (noise == 2)  # goes back
     stamps[900:] += 2_000_000_000 * (noise == 3)  # leaves a gap
-    assert sorted(found((stamps, angle, load), tuple(cuts))) == sorted(found((stamps, angle, load)))
+    assert sorted(found((stamps, angle, load), tuple(cuts))) == sorted(
+        found((stamps, angle, load))
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -112,16 +147,28 @@ def test_noise_does_not_multiply_events(seed: int) -> None:
     random = np.random.default_rng(seed)
     stamps, angle, load = walking(200.0, 20.0)
     clean = found((stamps, angle, load))
-    noisy = found((stamps, angle + np.radians(1.0) * random.standard_normal(len(angle)),
-                   load + 30.0 * random.standard_normal(len(load))))  # fmt: skip
-    for kind, error in ((HEEL_STRIKE, 0.015), (TOE_OFF, 0.04)):  # five times the spread that 200 seeds have
-        inner, expected = ([time for time in times(events, kind) if 0.5 < time - stamps[0] / 1e9 < 19.5]
-                           for events in (noisy, clean))  # fmt: skip
+    noisy = found(
+        (
+            stamps,
+            angle + np.radians(1.0) * random.standard_normal(len(angle)),
+            load + 30.0 * random.standard_normal(len(load)),
+        )
+    )
+    for kind, error in (
+        (HEEL_STRIKE, 0.015),
+        (TOE_OFF, 0.04),
+    ):  # five times the spread that 200 seeds have
+        inner, expected = (
+            [time for time in times(events, kind) if 0.5 < time - stamps[0] / 1e9 < 19.5]
+            for events in (noisy, clean)
+        )
         assert inner == pytest.approx(expected, abs=error)
     assert abs(len(times(noisy, LOAD_PEAK)) - len(times(clean, LOAD_PEAK))) <= 1  # that at the end
 
 
-def still(seconds: float = 30.0, rate: float = 1000.0) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def still(
+    seconds: float = 30.0, rate: float = 1000.0
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     time = np.arange(round(seconds * rate)) / rate
     return np.round(1e9 * time).astype(np.int64), time
 

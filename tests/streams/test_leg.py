@@ -25,19 +25,30 @@ def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def test_the_thigh_is_where_the_answers_have_the_femur(recording: Path) -> None:
     answers = read_answers(recording)
     by_stamp = {int(answer["stamp"]): answer for answer in answers}
-    moves = [message.message.transforms for message in read_bag(recording, {f"/{TF}": MESSAGE_TYPES[TF]})]
+    moves = [
+        message.message.transforms
+        for message in read_bag(recording, {f"/{TF}": MESSAGE_TYPES[TF]})
+    ]
     stamps = [stamp_to_ns(one.header.stamp) for (one,) in moves]
-    assert len({stamp // MOVED for stamp in stamps}) == len(stamps) == len({s // MOVED for s in by_stamp})
+    assert (
+        len({stamp // MOVED for stamp in stamps})
+        == len(stamps)
+        == len({s // MOVED for s in by_stamp})
+    )
     for stamp, (one,) in zip(stamps, moves, strict=True):
         assert (one.header.frame_id, one.child_frame_id) == ("tibia_r", "tibia_r/thigh")
         place, turn, answer = one.transform.translation, one.transform.rotation, by_stamp[stamp]
         assert (place.x, place.y, place.z) == (0.0, answer["femoral_height"], 0.0)  # a hinge
         assert (turn.x, turn.y) == (0.0, 0.0)
-        assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(answer["flexion_angle"], abs=1e-12)
+        assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(
+            answer["flexion_angle"], abs=1e-12
+        )
 
 
 def test_the_description_is_a_leg_whose_condyles_touch_the_plateau(recording: Path) -> None:
-    yourdfpy = pytest.importorskip("yourdfpy", reason="needs yourdfpy, of the development environment")
+    yourdfpy = pytest.importorskip(
+        "yourdfpy", reason="needs yourdfpy, of the development environment"
+    )
     types = {f"/{ROBOT_DESCRIPTION}": MESSAGE_TYPES[ROBOT_DESCRIPTION]}
     (message,) = read_bag(recording, types)
     urdf = recording.with_suffix(".urdf")
@@ -47,7 +58,10 @@ def test_the_description_is_a_leg_whose_condyles_touch_the_plateau(recording: Pa
     for frame, link in (("", "shank"), ('a "b" & <c>', 'a "b" & <c>')):
         urdf.write_text(description(frame)[8:-1].decode())
         assert set(yourdfpy.URDF.load(str(urdf)).link_map) == {link, f"{link}/thigh"}
-    plateau, condyles = leg.link_map["tibia_r"].visuals[1], leg.link_map["tibia_r/thigh"].visuals[1]
+    plateau, condyles = (
+        leg.link_map["tibia_r"].visuals[1],
+        leg.link_map["tibia_r/thigh"].visuals[1],
+    )
     top = plateau.origin[1, 3] + 0.5 * plateau.geometry.box.size[1]
     assert top == 0.0
     height = read_answers(recording)["femoral_height"]

@@ -25,7 +25,13 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, Answer, deserialize, typestore
+from knee_contact_ros.streams.topics import (
+    LOAD_ESTIMATE,
+    MESSAGE_TYPES,
+    Answer,
+    deserialize,
+    typestore,
+)
 from tests.helpers.messages import PlainMessages, header
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk
 
@@ -76,7 +82,10 @@ def once(values: Any, efforts: tuple[float, ...] = (), **parts: Any) -> Estimate
 
 def same(one: Estimate, other: Estimate, within: float = 0.0) -> bool:
     """Whether two estimates are alike; what is not a number is like itself."""
-    return all(a == pytest.approx(b, abs=within, rel=0.0, nan_ok=True) for a, b in zip(one, other, strict=True))
+    return all(
+        a == pytest.approx(b, abs=within, rel=0.0, nan_ok=True)
+        for a, b in zip(one, other, strict=True)
+    )
 
 
 ROUNDING = 1e-8
@@ -86,7 +95,12 @@ ROUNDING = 1e-8
 def test_the_reaction_is_in_the_tibia_frame_that_is_asked_for() -> None:
     (answer, estimate), _ = take(pipeline(WHOLE_LEG | {"frame.tibia": "shank_isb"}), walk(2))
     told, _ = WRENCH.read(answer.records[2][2], answer.records[2][0])
-    assert told == (0, "shank_isb", (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0))
+    assert told == (
+        0,
+        "shank_isb",
+        (0.0, -estimate.axial_force, 0.0),
+        (estimate.frontal_moment, 0.0, 0.0),
+    )
 
 
 def test_an_actuator_takes_its_part_of_the_moments() -> None:
@@ -117,7 +131,9 @@ def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -
     assert [estimate._replace(status=0) for estimate in found] == expected
 
 
-@pytest.mark.parametrize(("pause", "given_up"), [(90, True), (90, False), (300, True), (300, False)])
+@pytest.mark.parametrize(
+    ("pause", "given_up"), [(90, True), (90, False), (300, True), (300, False)]
+)
 def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
     """Where they go on they are elsewhere, and nothing has jumped there; forces are given up meanwhile, or wait."""
     messages, silence = walk(200), range(300 * MS, (300 + pause) * MS)
@@ -126,7 +142,9 @@ def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
         if message.topic == ANGLES and message.log_time in silence:
             continue
         found |= by_stamp(take(pipe, [message]))
-        if given_up and message.log_time in silence:  # as the node does when a force has waited for long enough
+        if (
+            given_up and message.log_time in silence
+        ):  # as the node does when a force has waited for long enough
             for pair in pipe.synchroniser.give_up():
                 pipe.compute(pair)
                 assert pipe.estimate
@@ -141,7 +159,9 @@ def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
     # From then on at most as far off as one that sees no motion; 15 times as far if the pause is taken for one.
     after = [stamp for stamp in found if stamp >= silence.stop]
     assert {found[stamp].status for stamp in after} == {0}
-    assert max(abs(found[stamp].axial_force - whole[stamp].axial_force) for stamp in after) <= inertia
+    assert (
+        max(abs(found[stamp].axial_force - whole[stamp].axial_force) for stamp in after) <= inertia
+    )
 
 
 @pytest.mark.parametrize("apart", [20, 90])
@@ -154,15 +174,24 @@ def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
     slow, whole = by_stamp(take(pipeline(), messages)), by_stamp(take(pipeline(), walk(300)))
     still = by_stamp(take(pipeline(WHOLE_LEG | {"motion_window": 0.0}), messages))
     without = max(abs(still[stamp].axial_force - whole[stamp].axial_force) for stamp in still)
-    assert max(abs(slow[stamp].axial_force - whole[stamp].axial_force) for stamp in slow) <= without
+    assert (
+        max(abs(slow[stamp].axial_force - whole[stamp].axial_force) for stamp in slow) <= without
+    )
 
 
 def test_another_offset_is_no_motion() -> None:
     pipe, messages = pipeline(), walk(200)
     take(pipe, messages[:200])
-    pipe.retune(load_parameters(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}, LoadParameters))
+    pipe.retune(
+        load_parameters(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}, LoadParameters)
+    )
     found = [estimate for _, estimate in take(pipe, messages[200:])]
-    expected = [e for _, e in take(pipeline(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}), messages[200:])]
+    expected = [
+        e
+        for _, e in take(
+            pipeline(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}), messages[200:]
+        )
+    ]
     assert found == expected
 
 
@@ -175,17 +204,24 @@ def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_o
     whole, other = take(pipeline(), messages), take(pipeline(changed), messages)
     assert before == whole[:50]
     assert whole[60] != other[60]
-    off = [one.axial_force - there.axial_force for (_, one), (_, there) in zip(after, other[50:], strict=True)]
+    off = [
+        one.axial_force - there.axial_force
+        for (_, one), (_, there) in zip(after, other[50:], strict=True)
+    ]
     assert 1.0 < abs(off[0]) < abs(whole[50][1].axial_force - other[50][1].axial_force)
     fading = [off[0] * math.exp(-0.005 * number / 0.025) for number in range(len(off))]
-    assert off == pytest.approx(fading, abs=ROUNDING)  # the muscles go on from the forces that they had
+    assert off == pytest.approx(
+        fading, abs=ROUNDING
+    )  # the muscles go on from the forces that they had
 
 
 small: Any = st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1e-310, 2.2e-308, 1e-30])
 extreme, wide = st.floats(-1e5, 1e5) | small, st.floats(-100.0, 100.0) | small
 
 
-@given(st.tuples(extreme, extreme, extreme), st.tuples(extreme, extreme, extreme), wide, wide, wide)
+@given(
+    st.tuples(extreme, extreme, extreme), st.tuples(extreme, extreme, extreme), wide, wide, wide
+)
 def test_whatever_is_taken_gives_a_finite_estimate(
     acts: Any, turns: Any, hip: float, knee: float, ankle: float
 ) -> None:
@@ -196,14 +232,17 @@ def test_whatever_is_taken_gives_a_finite_estimate(
         stream += [force(stamp, WrenchStamped(0, "p", acts, turns))]
     for estimate in estimates(pipeline(WHOLE_LEG | {"motion_window": 0.01}), stream):
         assert all(map(math.isfinite, estimate))
-        assert min(estimate.quadriceps_force, estimate.hamstrings_force, estimate.gastrocnemius_force) >= 0.0
+        assert (
+            min(estimate.quadriceps_force, estimate.hamstrings_force, estimate.gastrocnemius_force)
+            >= 0.0
+        )
 
 
 TYPE = MESSAGE_TYPES[LOAD_ESTIMATE]
 KINDS = {"float": st.floats(), "int": st.integers(0, 255), "bool": st.booleans()}
 any_estimates = st.builds(
     Estimate, **{name: KINDS[kind.__name__] for name, kind in get_type_hints(Estimate).items()}
-)  # fmt: skip
+)
 frames = st.text(max_size=17).filter(lambda text: "\x00" not in text)
 """Of any length; a text of ROS's ends with a zero"""
 stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
@@ -218,12 +257,17 @@ def fields_of(message: Any) -> list[str]:
 def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
     stamp: int, frame: str, estimate: Estimate
 ) -> None:
-    plain = typestore().types[TYPE](header=header(PlainMessages, stamp, frame), **estimate._asdict())
+    plain = typestore().types[TYPE](
+        header=header(PlainMessages, stamp, frame), **estimate._asdict()
+    )
     data = encode_estimate(stamp, frame, estimate)
     assert data == bytes(typestore().serialize_cdr(plain, TYPE))
     for read in (deserialize(data, LOAD_ESTIMATE), deserialize_message(data, LoadEstimate)):
         assert fields_of(read) == fields_of(estimate)
-        assert (read.header.frame_id, read.header.stamp.sec * 10**9 + read.header.stamp.nanosec) == (frame, stamp)
+        assert (
+            read.header.frame_id,
+            read.header.stamp.sec * 10**9 + read.header.stamp.nanosec,
+        ) == (frame, stamp)
 
 
 def test_constants_are_those_of_the_package() -> None:

@@ -17,17 +17,31 @@ from sensor_msgs.msg import JointState as RosJointState
 
 from knee_contact_ros.model.types import Contact
 from knee_contact_ros.streams import messages as coding
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_answer, encode_answer_wrench
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_answer,
+    encode_answer_wrench,
+)
 from knee_contact_ros.streams.topics import stamp_to_ns, typestore
 from tests.helpers.answers import contact, contacts_of
-from tests.helpers.messages import PlainMessages, RosMessages, contact_message, header, message_class, wrench_message
+from tests.helpers.messages import (
+    PlainMessages,
+    RosMessages,
+    contact_message,
+    header,
+    message_class,
+    wrench_message,
+)
 
 PLAIN, ROS = PlainMessages, RosMessages
 SECOND = 1_000_000_000
 FIRST_STAMP, LAST_STAMP = -(2**31) * SECOND, 2**31 * SECOND - 1
 
 stamps = st.integers(FIRST_STAMP, LAST_STAMP)
-texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=20) | st.just("é" * 200)
+texts = st.text(
+    st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=20
+) | st.just("é" * 200)
 numbers = st.floats(width=64)
 sequences = st.lists(numbers, max_size=5).map(tuple) | st.just((0.5, float("nan")) * 100)
 triples = st.tuples(numbers, numbers, numbers)
@@ -39,22 +53,31 @@ CONTACT = contact()
 
 def plain_joint_state(message: JointState) -> Any:
     return message_class("sensor_msgs/msg/JointState")(
-        header(PLAIN, message.stamp, message.frame_id), list(message.name), *map(np.array, map(list, message[3:]))
+        header(PLAIN, message.stamp, message.frame_id),
+        list(message.name),
+        *map(np.array, map(list, message[3:])),
     )
 
 
 def plain_wrench(message: WrenchStamped) -> Any:
-    wrench = PLAIN.Wrench(force=PLAIN.Vector3(*message.force), torque=PLAIN.Vector3(*message.torque))
+    wrench = PLAIN.Wrench(
+        force=PLAIN.Vector3(*message.force), torque=PLAIN.Vector3(*message.torque)
+    )
     return PLAIN.WrenchStamped(header(PLAIN, message.stamp, message.frame_id), wrench)
 
 
 def of_joint_state(message: Any) -> JointState:
-    given = (tuple(value) for value in (message.name, message.position, message.velocity, message.effort))
+    given = (
+        tuple(value)
+        for value in (message.name, message.position, message.velocity, message.effort)
+    )
     return JointState(stamp_to_ns(message.header.stamp), message.header.frame_id, *given)
 
 
 def of_wrench(message: Any) -> WrenchStamped:
-    force, torque = ((vector.x, vector.y, vector.z) for vector in (message.wrench.force, message.wrench.torque))
+    force, torque = (
+        (vector.x, vector.y, vector.z) for vector in (message.wrench.force, message.wrench.torque)
+    )
     return WrenchStamped(stamp_to_ns(message.header.stamp), message.header.frame_id, force, torque)
 
 
@@ -74,7 +97,9 @@ class Kind(NamedTuple):
         return decoded and decoded[0]
 
     def rosbags_bytes(self, message: Any, little_endian: bool = True) -> bytes:
-        return bytes(typestore().serialize_cdr(self.plain(message), self.name, little_endian=little_endian))
+        return bytes(
+            typestore().serialize_cdr(self.plain(message), self.name, little_endian=little_endian)
+        )
 
     def ros_decode(self, data: bytes) -> Any:
         """What ROS makes of the bytes; None if it refuses them."""
@@ -85,16 +110,39 @@ class Kind(NamedTuple):
 
     def ros_bytes(self, message: Any) -> bytes:
         """What ROS writes, with old memory between the fields."""
-        return bytes(serialize_message(deserialize_message(self.rosbags_bytes(message), self.ros_class)))
+        return bytes(
+            serialize_message(deserialize_message(self.rosbags_bytes(message), self.ros_class))
+        )
 
 
 KINDS = [
-    Kind("sensor_msgs/msg/JointState", coding.JOINT_STATE, RosJointState, plain_joint_state, of_joint_state,
-         st.builds(JointState, stamps, texts, st.lists(texts, max_size=5).map(tuple), sequences, sequences, sequences),
-         JOINT_STATE),
-    Kind("geometry_msgs/msg/WrenchStamped", coding.WRENCH, RosWrenchStamped, plain_wrench, of_wrench,
-         st.builds(WrenchStamped, stamps, texts, triples, triples), WRENCH),
-]  # fmt: skip
+    Kind(
+        "sensor_msgs/msg/JointState",
+        coding.JOINT_STATE,
+        RosJointState,
+        plain_joint_state,
+        of_joint_state,
+        st.builds(
+            JointState,
+            stamps,
+            texts,
+            st.lists(texts, max_size=5).map(tuple),
+            sequences,
+            sequences,
+            sequences,
+        ),
+        JOINT_STATE,
+    ),
+    Kind(
+        "geometry_msgs/msg/WrenchStamped",
+        coding.WRENCH,
+        RosWrenchStamped,
+        plain_wrench,
+        of_wrench,
+        st.builds(WrenchStamped, stamps, texts, triples, triples),
+        WRENCH,
+    ),
+]
 STATES, WRENCHES = KINDS
 kinds = st.sampled_from(KINDS)
 kinds_and_messages = kinds.flatmap(lambda kind: st.tuples(st.just(kind), kind.messages))
@@ -116,11 +164,16 @@ def assert_none_or_as_ros(kind: Kind, data: bytes) -> Any:
 
 
 @given(kinds_and_messages)
-def test_what_ros_and_rosbags_write_is_read_and_written_as_rosbags_does(case: tuple[Kind, Any]) -> None:
+def test_what_ros_and_rosbags_write_is_read_and_written_as_rosbags_does(
+    case: tuple[Kind, Any],
+) -> None:
     kind, message = case
     written = kind.coder.encode(message)
     assert written == kind.rosbags_bytes(message)
-    from_ros, big_endian = kind.ros_bytes(message), kind.rosbags_bytes(message, little_endian=False)
+    from_ros, big_endian = (
+        kind.ros_bytes(message),
+        kind.rosbags_bytes(message, little_endian=False),
+    )
     for data in (written, from_ros, bytearray(from_ros), memoryview(from_ros), big_endian):
         read, recorded = kind.coder.decode(data)
         assert type(read) is type(message)
@@ -135,10 +188,14 @@ def test_a_truncated_message_is_none_and_surplus_is_ignored_as_far_as_ros_makes_
 ) -> None:
     data = kind.rosbags_bytes(kind.example, little_endian)
     assert [kind.decode(data[:length]) for length in range(len(data))] == [None] * len(data)
-    assert [kind.decode(data + b"\xff" * surplus) for surplus in range(14)] == [kind.example] * 13 + [None]
+    assert [kind.decode(data + b"\xff" * surplus) for surplus in range(14)] == [
+        kind.example
+    ] * 13 + [None]
     ros_bytes = kind.ros_bytes(kind.example)
     for length in range(len(ros_bytes)):
-        assert (assert_none_or_as_ros(kind, ros_bytes[:length]) is not None) == (length >= len(data))
+        assert (assert_none_or_as_ros(kind, ros_bytes[:length]) is not None) == (
+            length >= len(data)
+        )
 
 
 @each_kind
@@ -151,13 +208,17 @@ def test_every_byte_matters_to_us_as_it_does_to_ros(kind: Kind, little_endian: b
         message = assert_none_or_as_ros(kind, changed)
         if kind.ros_decode(changed) == kind.example:
             without_effect += 1
-            assert message == kind.example  # options and padding: what lies there must not cost the fast way
+            assert (
+                message == kind.example
+            )  # options and padding: what lies there must not cost the fast way
     assert without_effect > 2
 
 
 @each_kind
 @pytest.mark.parametrize("text", [b"tibia\xff_", b"ti\xed\xa0\x80_r"])
-def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(kind: Kind, text: bytes) -> None:
+def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(
+    kind: Kind, text: bytes
+) -> None:
     data = kind.coder.encode(kind.example._replace(frame_id="tibia_r"))
     for _ in range(2):
         read, recorded = kind.coder.decode(data[:16] + text + data[23:])
@@ -166,12 +227,18 @@ def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(kind
         assert recorded == kind.rosbags_bytes(read)
 
 
-words = st.sampled_from([0, 1, 2, 3, 5, 2**16, 2**29, 2**31, 2**32 - 1]).map(lambda word: struct.pack("<I", word))
+words = st.sampled_from([0, 1, 2, 3, 5, 2**16, 2**29, 2**31, 2**32 - 1]).map(
+    lambda word: struct.pack("<I", word)
+)
 
 
 @settings(max_examples=300)
-@given(kinds, st.sampled_from([b"", b"\x00\x00\x00\x00", b"\x00\x01\x00\x00"]),
-       st.binary(max_size=120) | st.lists(words | st.just(b"a\x00\x00\x00"), max_size=40).map(b"".join))  # fmt: skip
+@given(
+    kinds,
+    st.sampled_from([b"", b"\x00\x00\x00\x00", b"\x00\x01\x00\x00"]),
+    st.binary(max_size=120)
+    | st.lists(words | st.just(b"a\x00\x00\x00"), max_size=40).map(b"".join),
+)
 @example(KINDS[0], b"\x00\x01\x00\x00", b"")
 def test_any_bytes_give_what_ros_gives_or_nothing(kind: Kind, start: bytes, rest: bytes) -> None:
     assert_none_or_as_ros(kind, start + rest)
@@ -194,12 +261,16 @@ def test_messages_of_one_length_are_told_apart() -> None:
 @example(FIRST_STAMP, "", contact(evaluations=2**32 - 1))
 @example(LAST_STAMP, "tibia_r", CONTACT)
 @given(stamps, texts, contacts_of(numbers))
-def test_an_answer_is_written_as_publish_and_rosbags_do(stamp: int, frame_id: str, contact: Contact) -> None:
+def test_an_answer_is_written_as_publish_and_rosbags_do(
+    stamp: int, frame_id: str, contact: Contact
+) -> None:
     data = encode_answer(stamp, frame_id, contact.tobytes())
     plain = contact_message(PLAIN, stamp, frame_id, contact)
     assert data == bytes(typestore().serialize_cdr(plain, "knee_contact_ros/msg/KneeContact"))
     expected = contact_message(ROS, stamp, frame_id, contact)
-    assert repr(deserialize_message(data, KneeContact)) == repr(expected)  # NaN is not equal to itself
+    assert repr(deserialize_message(data, KneeContact)) == repr(
+        expected
+    )  # NaN is not equal to itself
     data = encode_answer_wrench(stamp, frame_id, contact.tobytes())
     plain = wrench_message(PLAIN, stamp, frame_id, contact)
     assert data == bytes(typestore().serialize_cdr(plain, "geometry_msgs/msg/WrenchStamped"))

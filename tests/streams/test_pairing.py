@@ -22,7 +22,12 @@ from knee_contact_ros.streams.pairing import (
 )
 
 MS = 1_000_000
-HELD, STALE, RESET, REJECTED = Status.INPUT_HELD, Status.STALE_INPUT, Status.TIME_RESET, Status.INPUT_REJECTED
+HELD, STALE, RESET, REJECTED = (
+    Status.INPUT_HELD,
+    Status.STALE_INPUT,
+    Status.TIME_RESET,
+    Status.INPUT_REJECTED,
+)
 
 
 class Stream:
@@ -58,31 +63,67 @@ BELIEVED: list[tuple[str, Sequence[int], Sequence[int], list[Any], dict[str, int
     ("a little late", TEN, (), [90, 85, -10], LATE),
     ("a pause, the other one has gone on", TEN, range(0, 600, 10), [[590, 590]], {}),
     *(
-        (f"a jump to {to}: after four steps", TEN, (),
-         [to, to + 10, to + 20, to + 30, [to + 40, *range(to, to + 50, 10)], [to + 50, to + 50]], {})
+        (
+            f"a jump to {to}: after four steps",
+            TEN,
+            (),
+            [
+                to,
+                to + 10,
+                to + 20,
+                to + 30,
+                [to + 40, *range(to, to + 50, 10)],
+                [to + 50, to + 50],
+            ],
+            {},
+        )
         for to in (-800, 700)
     ),
     *(
-        (f"three of a slower publisher, {step} ms", range(100), (),
-         [5000, 5000 + step, 5000 + 2 * step, [100, 100]], ALONE)
+        (
+            f"three of a slower publisher, {step} ms",
+            range(100),
+            (),
+            [5000, 5000 + step, 5000 + 2 * step, [100, 100]],
+            ALONE,
+        )
         for step in (10, 15, 20)
     ),
     ("the largest gap bounds the wait", SLOW, (), [-500, -450, [-400, -500, -450, -400]], {}),
     ("one long step makes no others long", [*TEN, 110, 120], (), [155, [130, 130]], BEHIND),
-    ("a slower stream does not say how far", range(900, 960), range(0, 1000, 50), [1040, [960, 960]], BEHIND),
+    (
+        "a slower stream does not say how far",
+        range(900, 960),
+        range(0, 1000, 50),
+        [1040, [960, 960]],
+        BEHIND,
+    ),
     ("a slower rate", TEN, (), [1000, [2000, 1000, 2000], [3000, 3000]], {}),
     ("out of order, both reached", TEN, range(200, 290, 10), [310, [285, 285]], BEHIND),
-    ("back to the other one's time from a wrong publisher", range(10_000, 10_200, 10), range(0, 200, 5),
-     [191, [10_200, 10_200], [201, 191, 201], 10_210, [211, 211]], BEHIND),
+    (
+        "back to the other one's time from a wrong publisher",
+        range(10_000, 10_200, 10),
+        range(0, 200, 5),
+        [191, [10_200, 10_200], [201, 191, 201], 10_210, [211, 211]],
+        BEHIND,
+    ),
     ("a hole of glitches looks like a pause", TEN, (), [5000, 5010, 5020, 125], ALONE),
-    ("wrong ones within a pause do not undo its end", TEN, (),
-     [190, 195, 200, 205, 140, 145, 150, 215, 225, [230, 190, 195, 200, 205, 215, 225, 230]], LATE),
-]  # fmt: skip
+    (
+        "wrong ones within a pause do not undo its end",
+        TEN,
+        (),
+        [190, 195, 200, 205, 140, 145, 150, 215, 225, [230, 190, 195, 200, 205, 215, 225, 230]],
+        LATE,
+    ),
+]
 """Name, stamps before, stamps of the other stream; then each stamp with those that are believed; what is refused"""
 
 
-@pytest.mark.parametrize(("before", "others", "script", "refused"), [case[1:] for case in BELIEVED],
-                         ids=[case[0] for case in BELIEVED])  # fmt: skip
+@pytest.mark.parametrize(
+    ("before", "others", "script", "refused"),
+    [case[1:] for case in BELIEVED],
+    ids=[case[0] for case in BELIEVED],
+)
 def test_which_samples_are_believed(
     before: Sequence[int], others: Sequence[int], script: list[Any], refused: dict[str, int]
 ) -> None:
@@ -93,9 +134,13 @@ def test_which_samples_are_believed(
     assert stream.refused == refused
 
 
-def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stamp_of_both_is_not() -> None:
+def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stamp_of_both_is_not() -> (
+    None
+):
     stream, other = Stream(TEN), Stream(TEN)
-    assert stream.take(590, other) == other.take(595, stream) == []  # a driver may have got one stamp wrong for both
+    assert (
+        stream.take(590, other) == other.take(595, stream) == []
+    )  # a driver may have got one stamp wrong for both
     assert stream.take(600, other) == [590, 600]
     assert other.look_again(stream) == [595]
     stream, other = Stream(TEN), Stream(TEN)
@@ -123,7 +168,9 @@ def sample_of(word: str) -> AngleSample | LoadSample:
     return angle(float(stamp), float(value or stamp)) if word[0] == "a" else load(float(stamp))
 
 
-def feed(synchroniser: Synchroniser, samples: Iterable[AngleSample | LoadSample] | str) -> list[PairedSample]:
+def feed(
+    synchroniser: Synchroniser, samples: Iterable[AngleSample | LoadSample] | str
+) -> list[PairedSample]:
     """Push samples in this order, which may be given as words; `.` is the end of the streams."""
     pairs = []
     for one in samples.split() if isinstance(samples, str) else samples:
@@ -144,7 +191,10 @@ def told(pairs: Iterable[PairedSample]) -> str:
     """Stamp of the load [ms], angle unless it is equal, and flags of each pair."""
     words = []
     for pair in pairs:
-        stamp, flags = pair.load.stamp / MS, "".join(letter for bit, letter in FLAGS.items() if pair.status & bit)
+        stamp, flags = (
+            pair.load.stamp / MS,
+            "".join(letter for bit, letter in FLAGS.items() if pair.status & bit),
+        )
         words.append(f"{stamp:g}" + (f"={pair.angle:.9g}" if pair.angle != stamp else "") + flags)
     return " ".join(words)
 
@@ -157,12 +207,24 @@ PAIRS = {
     "before every angle": ("l1 l5 a5", "5J", {"no_angle_before": 1}),
     "at the end": ("a5 l6 l7 .", "6=5H 7=5H", {}),
     "a gap at the end": ("a0 l0 a50 l50 l200 a300 .", "0 50 200=50HS", {}),
-    "doubled and late": ("a0 l0 l0 a0 a10 a5 l10 l8", "0 10J", {"load_not_in_order": 2, "angle_not_in_order": 2}),
+    "doubled and late": (
+        "a0 l0 l0 a0 a10 a5 l10 l8",
+        "0 10J",
+        {"load_not_in_order": 2, "angle_not_in_order": 2},
+    ),
     "a loop, angle first": (BEFORE + "a0=7 l0 a10=8 l10", "1990 2000 0=7R 10=8", {}),
     "a loop, load first": (BEFORE + "l0 a0=7 a10=8 l10", "1990 2000 0=7R 10=8", {}),
-    "loads jump back alone": (BEFORE + "l500 a2010=7 l501 l600", "1990 2000 500=7HSR 501=7HS 600=7HS", {}),
+    "loads jump back alone": (
+        BEFORE + "l500 a2010=7 l501 l600",
+        "1990 2000 500=7HSR 501=7HS 600=7HS",
+        {},
+    ),
     "angles jump first": ("a1990 a2000=3 a0 l2005 l0 a10", "2005=3H 0R", {}),
-    "and follow": (BEFORE + "l500 l600 l610 a620 a630=7 l630", "1990 2000 500=2000HSR 600=2000HS 610=2000HS 630=7", {}),
+    "and follow": (
+        BEFORE + "l500 l600 l610 a620 a630=7 l630",
+        "1990 2000 500=2000HSR 600=2000HS 610=2000HS 630=7",
+        {},
+    ),
 }
 """Samples; pairs and refusals that come of them"""
 
@@ -177,7 +239,8 @@ def test_what_is_paired(name: str) -> None:
 
 def test_heights_and_all_that_is_known_of_a_leg_are_interpolated_as_the_angles_are() -> None:
     ends = [
-        angle(at, 1.0)._replace(height=h, others=others) for at, h, *others in ((10, 0.03, 1, 5), (20, 0.04, 2, -5))
+        angle(at, 1.0)._replace(height=h, others=others)
+        for at, h, *others in ((10, 0.03, 1, 5), (20, 0.04, 2, -5))
     ]
     (between,) = feed(Synchroniser(Pairing()), [ends[0], load(13), ends[1]])
     assert between.height == pytest.approx(0.033, abs=1e-17)
@@ -188,7 +251,12 @@ def test_heights_and_all_that_is_known_of_a_leg_are_interpolated_as_the_angles_a
 def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     angles, loads = [angle(i * 10) for i in range(8)], [load(i) for i in range(70)]
     expected = feed(Synchroniser(Pairing()), [*angles, *loads])
-    mixed, a, b, rng = list[AngleSample | LoadSample](), list(angles), list(loads), random.Random(seed)
+    mixed, a, b, rng = (
+        list[AngleSample | LoadSample](),
+        list(angles),
+        list(loads),
+        random.Random(seed),
+    )
     while a or b:
         mixed.append((a if a and (not b or rng.random() < 0.2) else b).pop(0))
     pairs = feed(Synchroniser(Pairing()), mixed)
@@ -198,7 +266,9 @@ def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     assert recorded == angles[: len(recorded)]
 
 
-def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle_that_may_be_wrong() -> None:
+def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle_that_may_be_wrong() -> (
+    None
+):
     synchroniser = Synchroniser(Pairing())
     assert told(feed(synchroniser, "a5=0.3 l6 l7") + synchroniser.give_up()) == "6=0.3H 7=0.3H"
     synchroniser = Synchroniser(Pairing())
@@ -241,7 +311,9 @@ def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles
 @pytest.mark.parametrize("ahead", [3_600_000, 500])
 def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
     """One clock is wrong: the answer goes with the newest angle, as if it had been set so later."""
-    pairs = feed(Synchroniser(Pairing()), [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))])
+    pairs = feed(
+        Synchroniser(Pairing()), [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))]
+    )
     assert len(pairs) >= 38
     assert {pair.status for pair in pairs[2:]} == {HELD | STALE}
 
@@ -263,7 +335,9 @@ def test_bursts_are_not_taken_for_a_wrong_clock() -> None:
         Synchroniser(Pairing(wait=2.0)),
         [range(begin, begin + 300, 10) for begin in range(0, 6000, 300)],
     )
-    pairs = feed(synchroniser, [kind(time) for burst in bursts for kind in (angle, load) for time in burst])
+    pairs = feed(
+        synchroniser, [kind(time) for burst in bursts for kind in (angle, load) for time in burst]
+    )
     assert [pair.status for pair in pairs] == [0] * 600
 
 

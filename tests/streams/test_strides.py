@@ -34,7 +34,9 @@ SECOND = 1_000_000_000
         ((1.0,), (1.7,), []),
     ],
 )
-def test_a_stride_has_one_toe_off_and_a_plausible_duration(strikes: Any, toe_offs: Any, found: Any) -> None:
+def test_a_stride_has_one_toe_off_and_a_plausible_duration(
+    strikes: Any, toe_offs: Any, found: Any
+) -> None:
     stamps = [[round(SECOND * time) for time in times] for times in (strikes, toe_offs)]
     assert [(span.start / SECOND, span.end / SECOND) for span in spans(*stamps)] == found
 
@@ -43,9 +45,13 @@ def test_the_distance_is_the_integral_of_the_speed() -> None:
     time = np.arange(0.0, 2.0, 1e-3)
     velocity, touching = 0.1 * np.cos(math.pi * time), np.ones(len(time))
     # Straight lines between ticks: h^2/12 (b - a) max|v''| = 1e-6 / 12 x 2 x 0.1 pi^2 = 2e-7
-    assert sliding_distance(time, velocity, touching) == pytest.approx(4.0 * 0.1 / math.pi - 1e-4, abs=1e-6)
+    assert sliding_distance(time, velocity, touching) == pytest.approx(
+        4.0 * 0.1 / math.pi - 1e-4, abs=1e-6
+    )
     apart = np.where((time > 0.5) & (time <= 1.5), 0.0, 2.0)
-    assert sliding_distance(time, velocity, apart) == pytest.approx(2.0 * 0.1 / math.pi - 1e-4, abs=1e-6)
+    assert sliding_distance(time, velocity, apart) == pytest.approx(
+        2.0 * 0.1 / math.pi - 1e-4, abs=1e-6
+    )
     assert math.isnan(sliding_distance(time, np.where(time > 1.0, np.nan, velocity), touching))
     assert sliding_distance(time[:1], velocity[:1], touching[:1]) == 0.0
 
@@ -69,14 +75,20 @@ def test_the_loading_rate_is_the_steepest_rise_over_20_ms(stance: float) -> None
 def test_the_sliding_of_a_walking_knee() -> None:
     """A circle on a fixed axis slides by its radius times all turns, to and fro; where it is apart, not at all."""
     stamps, angle, load = walking(200.0, 8.0)
-    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
+    series = model(law("kelvin_voigt"), level="quasi_static").run(
+        (stamps - stamps[0]) / SECOND, angle, load
+    )
     found = strides_of(series, BODY_WEIGHT)
     assert len(found) == 6
     for each in found:
-        assert each.span.duration == pytest.approx(STRIDE, abs=0.002)  # straight lines of 10 ms between samples
+        assert each.span.duration == pytest.approx(
+            STRIDE, abs=0.002
+        )  # straight lines of 10 ms between samples
         inside = (series["stamp"] >= each.span.start) & (series["stamp"] <= each.span.end)
         # The rate of a tick is that of the interval before it, half a tick of 5 ms late; and the stride's ends
-        assert each.sliding_distance == pytest.approx(RADIUS * np.abs(np.diff(angle[inside])).sum(), rel=0.01)
+        assert each.sliding_distance == pytest.approx(
+            RADIUS * np.abs(np.diff(angle[inside])).sum(), rel=0.01
+        )
     assert strides_of(series[:100], BODY_WEIGHT) == []
     series.contact_state = ContactState.SEPARATED
     assert [each.sliding_distance for each in strides_of(series, BODY_WEIGHT)] == [0.0] * 6
@@ -85,7 +97,9 @@ def test_the_sliding_of_a_walking_knee() -> None:
 @pytest.mark.parametrize("size", [1, 37, 10_000])
 def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size: int) -> None:
     stamps, angle, load = walking(200.0, 8.0)
-    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
+    series = model(law("kelvin_voigt"), level="quasi_static").run(
+        (stamps - stamps[0]) / SECOND, angle, load
+    )
     twice = np.concatenate([series, series])  # time goes back: a run of its own
     stream, found, late = Strides(BODY_WEIGHT), list[Stride](), list[float]()
     for begin in range(0, len(twice), size):
@@ -96,6 +110,10 @@ def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size: int) 
     found += stream.finish()
     assert found == 2 * strides_of(series, BODY_WEIGHT)
     assert all(each.peak_depth > 0.0 for each in found)
-    assert [each.peak_force for each in found[:6]] == pytest.approx(6 * [max(series.contact_force)], rel=0.01)
-    if size == 1:  # what a controller waits for: all but the last one, which the end of the run makes certain
+    assert [each.peak_force for each in found[:6]] == pytest.approx(
+        6 * [max(series.contact_force)], rel=0.01
+    )
+    if (
+        size == 1
+    ):  # what a controller waits for: all but the last one, which the end of the run makes certain
         assert max(late[:5]) < 0.5

@@ -9,10 +9,13 @@ from knee_contact_ros.model.types import Status
 from studies.accuracy import Study, ours, studies, theirs
 
 NAMES = (
-    "gait, right, circle carried forwards in a concave circle", "gait, right, two layers as printed",
-    "lift-off and landing", "lift-off and landing, ellipse", "lift-off and landing, two layers",
+    "gait, right, circle carried forwards in a concave circle",
+    "gait, right, two layers as printed",
+    "lift-off and landing",
+    "lift-off and landing, ellipse",
+    "lift-off and landing, two layers",
     "stiff and overdamped: C 1e7, 1 g",
-)  # fmt: skip
+)
 """One of each kind; all of them are in docs/studies/accuracy.md"""
 STUDIES = {study.name: study for study in studies() if study.name in NAMES}
 

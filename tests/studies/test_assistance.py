@@ -24,5 +24,7 @@ def test_the_page_has_these_numbers(samples: list[Sample]) -> None:
         knee_contact_ros.load_model("healthy"),
     )
     for torque in (TORQUES[place] for place in TABLE):
-        told = " | ".join(cells(walk(samples, law(torque), model, person())) for law in LAWS.values())
+        told = " | ".join(
+            cells(walk(samples, law(torque), model, person())) for law in LAWS.values()
+        )
         assert f"| {torque:g} | {told} |" in page

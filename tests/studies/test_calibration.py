@@ -15,7 +15,9 @@ def test_a_case_is_what_the_reference_says_and_is_found_again(name: str) -> None
     measured = np.isfinite(table["penetration_depth"])
     assert (measured == (exact.depth >= 0.0)).all()
     off = table["penetration_depth"][measured] - exact.depth[measured]
-    assert off.std() == pytest.approx(case.noise["penetration_depth"], rel=0.2)  # of 387 or more: 4 %
+    assert off.std() == pytest.approx(
+        case.noise["penetration_depth"], rel=0.2
+    )  # of 387 or more: 4 %
     found = fit(name, case, 0)
     for parameter, true in case.free.items():
         low, high, *_ = found.intervals[parameter]

@@ -7,7 +7,16 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.honesty.changes import SEGMENTS, TICKS, WHAT, ChangedReference, place, plan, rows, truth_of
+from studies.honesty.changes import (
+    SEGMENTS,
+    TICKS,
+    WHAT,
+    ChangedReference,
+    place,
+    plan,
+    rows,
+    truth_of,
+)
 from studies.honesty.dented import condyle, leaps, lowest, solve
 from studies.honesty.measured import draw
 from studies.honesty.truth import knee_of
@@ -33,8 +42,13 @@ def test_a_contact_comes_to_rest_where_the_new_law_carries_the_load() -> None:
     """At rest under 1 kN: K δⁿ in one layer, then in two, of which the second one begins above that depth, and back."""
     time, still, load = np.arange(3 * TICKS) * 0.05, np.full(TICKS, 0.3), np.full(TICKS, 1000.0)
     spring = {"stiffness": 7.9e7, "exponent": 1.5, "damping": 5000.0}
-    one, two = LAWS["kelvin_voigt"](**spring), LAWS["two_layer_viscoelastic"](**spring, **TWO_LAYERS)
-    first = plan(SEED)[0].scene._replace(mass=9.3, half_axes=(0.034, 0.034), slope=0.0, allow_tension=False)
+    one, two = (
+        LAWS["kelvin_voigt"](**spring),
+        LAWS["two_layer_viscoelastic"](**spring, **TWO_LAYERS),
+    )
+    first = plan(SEED)[0].scene._replace(
+        mass=9.3, half_axes=(0.034, 0.034), slope=0.0, allow_tension=False
+    )
     knee, depth = knee_of(first), (1000.0 / 7.9e7) ** (2.0 / 3.0)
     deeper = 3e-4 + (1000.0 / 7.9e7 - 3e-4**1.5) ** (2.0 / 3.0)
     going = ChangedReference(knee._replace(law=one))
@@ -67,7 +81,10 @@ def test_the_lowest_point_and_its_leaps_are_those_of_a_dense_row() -> None:
     x, y = (femur.x[i] * powers).sum(axis=1), (femur.y[i] * powers).sum(axis=1)
     found = leaps(femur, 0.2, 0.5)
     assert found
-    for angle in [*np.linspace(0.2, 0.5, 7), *(leap + side for leap in found for side in (-1e-6, 1e-6))]:
+    for angle in [
+        *np.linspace(0.2, 0.5, 7),
+        *(leap + side for leap in found for side in (-1e-6, 1e-6)),
+    ]:
         row = np.sin(angle) * x + np.cos(angle) * y
         height, _, at = lowest(femur, float(angle))
         # The row is 0.4 µm apart, where the curve bends by some 1e3 /m.
@@ -79,13 +96,18 @@ def test_both_references_agree_on_a_circle() -> None:
     turn = np.linspace(-2.8, -0.3, 400)
     femur = condyle(0.034 * np.stack([np.cos(turn), np.sin(turn)]))
     scene = draw(7)
-    law = LAWS["hunt_crossley"](stiffness=7.9e7, exponent=1.5, restitution=0.5, least_impact_speed=0.1)
+    law = LAWS["hunt_crossley"](
+        stiffness=7.9e7, exponent=1.5, restitution=0.5, least_impact_speed=0.1
+    )
     time, angle, load = scene.time[:16], 0.3 + 0.3 * np.sin(5.0 * scene.time[:16]), scene.load[:16]
     load[6:10] = -300.0
     knee = knee_of(plan(SEED)[0].scene)._replace(
         law=law, mass=9.3, half_axes=(0.034, 0.034), slope=0.0, allow_tension=False
     )
-    found, other = solve(femur, law, 9.3, time, angle, load), Reference(knee).take(time, angle, load)
+    found, other = (
+        solve(femur, law, 9.3, time, angle, load),
+        Reference(knee).take(time, angle, load),
+    )
     assert np.isfinite(other.depth).all()
     assert (found.depth < 0.0).any()
     # The spline through 400 points is 1e-11 m off the circle; its slope turns a smooth femur by 1e-9 m/rad.

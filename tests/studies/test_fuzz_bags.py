@@ -17,11 +17,15 @@ CASES = 42
 def test_no_damaged_bag_gives_a_traceback_or_a_wrong_answer_without_a_word(tmp_path: Path) -> None:
     (tmp_path / "whole").mkdir()
     bags = make(tmp_path / "whole")
-    verdicts = [try_case(seed, bags, tmp_path / "case") for seed in range(1_000_000, 1_000_000 + CASES)]
+    verdicts = [
+        try_case(seed, bags, tmp_path / "case") for seed in range(1_000_000, 1_000_000 + CASES)
+    ]
     assert [verdict for verdict in verdicts if verdict.outcome in BAD] == []
     outcomes = Counter(verdict.outcome for verdict in verdicts)
     assert outcomes[SAID] > CASES // 2  # of most there is something left
-    protected = [v for v in verdicts if v.kind in {"MCAP, uncompressed", "MCAP, zstd", "MCAP, lz4"}]
+    protected = [
+        v for v in verdicts if v.kind in {"MCAP, uncompressed", "MCAP, zstd", "MCAP, lz4"}
+    ]
     assert sum(verdict.foreign for verdict in protected) == 0
 
 

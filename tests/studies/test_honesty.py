@@ -60,7 +60,8 @@ def test_what_counts_as_wrong() -> None:
 
 
 @pytest.mark.parametrize(
-    ("study", "runs"), [("scenes", 2 * len(SETTINGS)), ("cut", len(PARTS) - 1), ("tight", 2 * len(TIGHT))]
+    ("study", "runs"),
+    [("scenes", 2 * len(SETTINGS)), ("cut", len(PARTS) - 1), ("tight", 2 * len(TIGHT))],
 )
 def test_a_number_is_judged(study: str, runs: int) -> None:
     rows = list(STUDIES[study][0](1_000_000))

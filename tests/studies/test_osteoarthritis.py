@@ -11,7 +11,19 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 
 from knee_contact_ros.lab.study import Study, read_study
 from studies import osteoarthritis
-from studies.osteoarthritis import FIRST, HEADER, LAYER, SECOND, SHARE, SHIPPED, STUDY, Knees, compute, limit, sections
+from studies.osteoarthritis import (
+    FIRST,
+    HEADER,
+    LAYER,
+    SECOND,
+    SHARE,
+    SHIPPED,
+    STUDY,
+    Knees,
+    compute,
+    limit,
+    sections,
+)
 from tests import ROOT
 
 SHIPPED_CELL, SOFT_CELL, THICK_CELL = (0, 0, 1), (0, 0, 0), (0, 1, 1)
@@ -30,13 +42,21 @@ def knees() -> Knees:
 def test_under_the_load_the_force_is_the_loads(knees: Knees) -> None:
     assert knees.forced.impulse == pytest.approx(knees.healthy.impulse[0], rel=RINGING)
     assert knees.ratio(knees.forced).min() > 1.0 - 2e-3  # 0.2 % of 5000 knees
-    assert knees.forced.peak_depth[SHIPPED_CELL] < knees.healthy.peak_depth[0] < knees.forced.peak_depth[SOFT_CELL]
-    assert 1e3 * (knees.healthy.peak_depth[0] - knees.forced.peak_depth[SHIPPED_CELL]) == pytest.approx(0.209, abs=1e-3)
+    assert (
+        knees.forced.peak_depth[SHIPPED_CELL]
+        < knees.healthy.peak_depth[0]
+        < knees.forced.peak_depth[SOFT_CELL]
+    )
+    assert 1e3 * (
+        knees.healthy.peak_depth[0] - knees.forced.peak_depth[SHIPPED_CELL]
+    ) == pytest.approx(0.209, abs=1e-3)
 
 
 def test_on_the_healthy_path_bone_presses_more_and_what_is_soft_less(knees: Knees) -> None:
     led = knees.ratio(knees.led)
-    assert led[SHIPPED_CELL] == pytest.approx(8.02, abs=0.01)  # the reproduction has 8.01, on the fitted curve
+    assert led[SHIPPED_CELL] == pytest.approx(
+        8.02, abs=0.01
+    )  # the reproduction has 8.01, on the fitted curve
     assert led[SOFT_CELL] < 0.75
     assert led[THICK_CELL] == pytest.approx(1.0, abs=DASHPOT)
     equal = limit(knees.axes[1], float(knees.healthy.peak_depth[0]))
@@ -49,8 +69,12 @@ def test_the_table_is_of_the_study_file() -> None:
     grid = read_study(STUDY, Study).grid
     layers, seconds = len(grid[LAYER]), len(grid[SECOND])
     assert 2 * len(grid[SHARE]) * layers * seconds == 10_000
-    assert grid[SECOND][15] == pytest.approx(SHIPPED.stiffness_2, rel=1e-4)  # four digits in the file
-    with (ROOT / "docs" / "studies" / "osteoarthritis.csv").open(encoding="utf-8", newline="") as file:
+    assert grid[SECOND][15] == pytest.approx(
+        SHIPPED.stiffness_2, rel=1e-4
+    )  # four digits in the file
+    with (ROOT / "docs" / "studies" / "osteoarthritis.csv").open(
+        encoding="utf-8", newline=""
+    ) as file:
         header, *rows = csv.reader(file)
     assert tuple(header) == HEADER
     assert len(rows) == 2 * layers * seconds

@@ -58,7 +58,11 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any]]] = {
     "every stamp is believed": (Timeline, "take", believe_all),
     "no jump is believed": (Timeline, "take", believe_nothing_else),
     "the other stream is not looked at": (Timeline, "has_reached", lambda _self, _stamp: False),
-    "nothing kept aside is looked at again": (Timeline, "look_again", lambda _self, _other, jumped=False: []),
+    "nothing kept aside is looked at again": (
+        Timeline,
+        "look_again",
+        lambda _self, _other, jumped=False: [],
+    ),
     "a load is given up too soon": (Synchroniser, "give_up", give_up_all),
     "angles of before a jump are kept": (Synchroniser, "_take_angles", keep_old_angles),
     "nothing kept aside is believed": (Timeline, "_believable", lambda _self, _other: 0),

@@ -43,7 +43,10 @@ def test_the_table_of_coefficients_is_what_the_generator_makes() -> None:
 
 @pytest.mark.parametrize(
     ("law", "millimetres"),
-    [(LAWS["kelvin_voigt"](**SPRING, damping=C), 0.747035), (LAWS["two_layer_elastic"](**LAYERS), 0.538046)],
+    [
+        (LAWS["kelvin_voigt"](**SPRING, damping=C), 0.747035),
+        (LAWS["two_layer_elastic"](**LAYERS), 0.538046),
+    ],
 )
 def test_static_depth(law: Law, millimetres: float) -> None:
     solution = solve(Knee(law, MASS), [0.0, 1e-3], [0.1, 0.2], [PEAK, PEAK])
@@ -63,8 +66,10 @@ def test_linear_oscillator_under_a_ramp(damping: float) -> None:
     fast = decay + root
     slow, lag = stiffness / mass / fast, ramp * damping / stiffness**2
     # free part: lag at the beginning, and the rate -ramp/K
-    free = ((lag * fast - ramp / stiffness) * np.exp(-slow * time) - (lag * slow - ramp / stiffness)
-            * np.exp(-fast * time)) / (fast - slow)  # fmt: skip
+    free = (
+        (lag * fast - ramp / stiffness) * np.exp(-slow * time)
+        - (lag * slow - ramp / stiffness) * np.exp(-fast * time)
+    ) / (fast - slow)
     exact = (load + ramp * time) / stiffness - lag + np.real(free)
     assert solution.depth == pytest.approx(exact, abs=1e-13 * lag + ROUNDING)
 
@@ -74,7 +79,9 @@ def test_a_clamped_contact_that_is_let_go_flies_from_where_its_force_ends() -> N
     stiffness, damping, mass, load, ramp = 2.4e8, 4884.0, 0.0527, 16.0, -8276.0
     law = LAWS["kelvin_voigt"](stiffness=stiffness, exponent=1.0, damping=damping)
     time = np.array([0.0, 0.01, 0.0132])
-    found = solve(Knee(law, mass), time, np.zeros(3), [load - 0.01 * ramp, load, load + 0.0032 * ramp])
+    found = solve(
+        Knee(law, mass), time, np.zeros(3), [load - 0.01 * ramp, load, load + 0.0032 * ramp]
+    )
     # in contact L = K δ + C δ̇ + M δ̈ with δ̈ = 0: the force is the load's and ends with it; what began is long forgotten
     rate = ramp / stiffness
     flying = 0.0032 + load / ramp
@@ -92,7 +99,9 @@ def test_free_flight_is_a_cubic() -> None:
         return np.sqrt(a**2 * np.sin(phi) ** 2 + b**2 * np.cos(phi) ** 2)
 
     before = support(angle - slope)
-    first = (a**2 - b**2) * math.sin(-slope) * math.cos(slope) / before[0] * 3.0  # it follows its turning surface
+    first = (
+        (a**2 - b**2) * math.sin(-slope) * math.cos(slope) / before[0] * 3.0
+    )  # it follows its turning surface
     height = (before[0] + first * time) / math.cos(slope) + 100.0 * time**3 / 6.0 / 2.0
     assert solution.height == pytest.approx(height, abs=ROUNDING)
     assert solution.depth == pytest.approx(before - height * math.cos(slope), abs=ROUNDING)
@@ -103,10 +112,17 @@ def test_elastic_bounces_keep_their_energy(exponent: float) -> None:
     mass, load, stiffness = 1.0, 20.0, 3e3 ** (exponent + 0.5)
     time = np.arange(3000) * 1e-3
     loads = np.where(time < 0.02, 100.0, load)
-    solution = solve(Knee(LAWS["hertz"](stiffness=stiffness, exponent=exponent), mass), time, np.zeros(3000), loads)
+    solution = solve(
+        Knee(LAWS["hertz"](stiffness=stiffness, exponent=exponent), mass),
+        time,
+        np.zeros(3000),
+        loads,
+    )
     pressed = np.maximum(solution.depth, 0.0)
     energy = (
-        mass / 2 * solution.rate**2 + stiffness * pressed ** (exponent + 1) / (exponent + 1) - load * solution.depth
+        mass / 2 * solution.rate**2
+        + stiffness * pressed ** (exponent + 1) / (exponent + 1)
+        - load * solution.depth
     )
     later = energy[25:]
     assert (solution.depth[25:] < 0.0).any()
@@ -120,7 +136,9 @@ def test_what_an_impact_delivers() -> None:
     for name in ("hunt_crossley", "lankarani_nikravesh", "flores", "gonthier"):
         law = LAWS[name](**IMPACT)
         rates = thrown(law)
-        wanted = brentq(delivered, 1e-3, min(1.0, 1.0 / law.loss) - 1e-12, args=(law.loss,), xtol=1e-16)
+        wanted = brentq(
+            delivered, 1e-3, min(1.0, 1.0 / law.loss) - 1e-12, args=(law.loss,), xtol=1e-16
+        )
         assert rates[-1] == pytest.approx(-wanted * rates[7], rel=1e-12)
 
 
@@ -140,7 +158,8 @@ SCENES = {
 
 
 @pytest.mark.parametrize(
-    ("name", "series"), [("gait", "gait"), ("layers", "gait"), *((name, "lift-off") for name in SCENES)]
+    ("name", "series"),
+    [("gait", "gait"), ("layers", "gait"), *((name, "lift-off") for name in SCENES)],
 )
 def test_scipy_agrees(name: str, series: str) -> None:
     law, layers = SCENES[name]
@@ -168,7 +187,10 @@ def test_chunks_are_the_whole() -> None:
     law, _ = SCENES["layers"]
     time, angle, load = lift_off()
     whole, run = solve(Knee(law, MASS), time, angle, load), Reference(Knee(law, MASS))
-    parts = [run.take(time[i : i + 100], angle[i : i + 100], load[i : i + 100]) for i in range(0, len(time), 100)]
+    parts = [
+        run.take(time[i : i + 100], angle[i : i + 100], load[i : i + 100])
+        for i in range(0, len(time), 100)
+    ]
     assert np.concatenate([part.depth for part in parts]).tobytes() == whole.depth.tobytes()
 
 

@@ -17,7 +17,10 @@ PAGES = ROOT / "docs" / "studies"
 
 def test_page_and_tables_are_up_to_date(tmp_path):
     write(tmp_path, "some machine")
-    kept = {path.name: _but_machine(path) for path in [PAGES / "reproduction.md", *(PAGES / "reproduction").iterdir()]}
+    kept = {
+        path.name: _but_machine(path)
+        for path in [PAGES / "reproduction.md", *(PAGES / "reproduction").iterdir()]
+    }
     made = {path.name: _but_machine(path) for path in tmp_path.rglob("*.*")}
     assert made == kept, "run python -m studies.reproduction"
 

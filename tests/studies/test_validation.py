@@ -44,13 +44,17 @@ def found(measured: list[Walk]) -> list[Estimate]:
 
 def test_without_the_measurements_nothing_is_made(tmp_path: Path) -> None:
     for arguments in ([], ["--data", str(tmp_path)]):
-        result = CliRunner(env={"INSTRUMENTED_KNEE": ""}).invoke(main, [*arguments, "--folder", str(tmp_path)])
+        result = CliRunner(env={"INSTRUMENTED_KNEE": ""}).invoke(
+            main, [*arguments, "--folder", str(tmp_path)]
+        )
         assert result.exit_code == 0
         assert "nothing is made" in result.output
     assert not list(tmp_path.iterdir())
 
 
-def test_the_page_is_what_the_code_gives(measured: list[Walk], found: list[Estimate], tmp_path: Path) -> None:
+def test_the_page_is_what_the_code_gives(
+    measured: list[Walk], found: list[Estimate], tmp_path: Path
+) -> None:
     page = PAGE.read_text(encoding="utf-8")
     machine = page.splitlines()[2].split(" on ", 1)[1].rstrip(".")
     save(tmp_path / "page.md", TITLE, COMMAND, sections(measured, found), machine)
@@ -58,23 +62,35 @@ def test_the_page_is_what_the_code_gives(measured: list[Walk], found: list[Estim
     assert sum(any(letter.isalnum() for letter in word) for word in page.split()) <= WORDS
 
 
-def test_defaults_of_one_person_hold_for_the_other(measured: list[Walk], found: list[Estimate]) -> None:
+def test_defaults_of_one_person_hold_for_the_other(
+    measured: list[Walk], found: list[Estimate]
+) -> None:
     """Targets: 0.30, 0.29 and 0.28 BW, of which the last is missed by 0.005; a line in the ground force has 0.35."""
-    means = {level: fmean(errors.values()) for level, errors in totals(found, OTHER_PERSON).items()}
+    means = {
+        level: fmean(errors.values()) for level, errors in totals(found, OTHER_PERSON).items()
+    }
     assert means["ground_force"] <= 0.30
     assert means["knee_moment"] <= 0.29
     assert means["ankle_moment"] <= 0.286
     assert means["ground_force"] < fmean(lines(measured).values()) - 0.05
     together = fitted(measured, list(LEVELS), DEFAULT.moment_arm_scale)
-    assert [getattr(PersonParameters(), name) for name in FREE] == pytest.approx(together, abs=0.01)
+    assert [getattr(PersonParameters(), name) for name in FREE] == pytest.approx(
+        together, abs=0.01
+    )
 
 
-def test_the_shipped_share_is_the_one_form_that_holds_for_the_other_person(measured: list[Walk]) -> None:
-    missed = {form: fmean(errors.values()) for form, errors in missed_by(measured, other_person).items()}
+def test_the_shipped_share_is_the_one_form_that_holds_for_the_other_person(
+    measured: list[Walk],
+) -> None:
+    missed = {
+        form: fmean(errors.values()) for form, errors in missed_by(measured, other_person).items()
+    }
     without_moment = list(CALLED)[:5]
     assert min(without_moment, key=missed.__getitem__) == "curve"
     assert missed["moment"] < missed["external"] < missed["curve"]
-    assert (ROOT / "config" / "share_medial.csv").read_text(encoding="utf-8") == shipped(measured)[1]
+    assert (ROOT / "config" / "share_medial.csv").read_text(encoding="utf-8") == shipped(measured)[
+        1
+    ]
 
 
 def test_movements_without_constants_are_marked_and_walking_is_not() -> None:
@@ -90,5 +106,7 @@ def test_spikes_and_missing_plates_go_with_what_is_near_them() -> None:
     spikes[50] = True
     assert runs(near(time, spikes)) == [(40, 61)]
     on_plate, bears = time < 0.6, ((time > 0.1) & (time < 0.7)) | (time > 1.0)
-    assert runs(missed(time, on_plate, bears)) == [(91, 200)]  # 0.1 s before 1.01 s; the first step is on the plate
+    assert runs(missed(time, on_plate, bears)) == [
+        (91, 200)
+    ]  # 0.1 s before 1.01 s; the first step is on the plate
     assert runs(missed(time, on_plate | (time > 1.2), bears)) == []

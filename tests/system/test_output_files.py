@@ -41,7 +41,9 @@ time.sleep(60.0)
 
 def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> None:
     path, partial = tmp_path / "out.mcap", tmp_path / "out.mcap.partial"
-    with subprocess.Popen([sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE, text=True) as writer:
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE, text=True
+    ) as writer:
         assert writer.stdout
         assert writer.stdout.readline() == "open\n"
         assert is_being_written(partial)
@@ -57,8 +59,9 @@ def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> 
 
 
 PLANTED: dict[str, Callable[[Path], None]] = {
-    "a link": lambda place: place.symlink_to(place.parent / "victim"), "a pipe": os.mkfifo,
-}  # fmt: skip
+    "a link": lambda place: place.symlink_to(place.parent / "victim"),
+    "a pipe": os.mkfifo,
+}
 """What may lie where a file is to be, and must not be opened: a link leads elsewhere, a pipe is waited for"""
 
 
@@ -83,7 +86,9 @@ def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place:
 
 
 @pytest.mark.parametrize("trouble", [0, errno.EPERM, errno.ENOTSUP])
-def test_a_name_that_is_taken_meanwhile_is_left_alone(tmp_path: Path, monkeypatch: Any, trouble: int) -> None:
+def test_a_name_that_is_taken_meanwhile_is_left_alone(
+    tmp_path: Path, monkeypatch: Any, trouble: int
+) -> None:
     """Also where a file system has no links."""
 
     def link(*_arguments: Any, **_options: Any) -> None:
@@ -127,7 +132,9 @@ def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: 
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_full_disk_is_no_bad_input_and_the_output_is_named(tmp_path: Path, monkeypatch: Any, number: int) -> None:
+def test_a_full_disk_is_no_bad_input_and_the_output_is_named(
+    tmp_path: Path, monkeypatch: Any, number: int
+) -> None:
     def full(*_: Any, **__: Any) -> None:
         raise OSError(number, os.strerror(number))
 
@@ -153,7 +160,9 @@ def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
 
 
-def test_a_home_folder_and_the_time_are_put_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_home_folder_and_the_time_are_put_in_their_places(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setenv("HOME", "/home/anna")
     assert re.fullmatch(r"/home/anna/runs/[\d_-]{19}\.mcap", stamped("~/runs/{stamp}.mcap"))
     assert stamped("") == ""

@@ -36,7 +36,9 @@ def test_errors_are_printable_lines() -> None:
     assert str(RefusedSampleError("joint_missing", EVIL)) == SHOWN
 
 
-def test_what_is_told_has_no_escape_codes(old_recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_told_has_no_escape_codes(
+    old_recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     say(EVIL, err=True)
     warn([EVIL])
     show_recovery(Recovery([TopicCount(EVIL, EVIL, 1, 2)], (0, 1), 1, 1, [EVIL]), EVIL)
@@ -62,5 +64,7 @@ def test_a_bar_has_none_and_comes_to_its_end_and_in_a_pipe_there_is_no_bar() -> 
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/red\]")
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/green\].*100%")
         terminal.wait_for(r"\[ended with 0, usual\]")
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60
+    )
     assert (done.stdout, done.stderr) == ("", "")

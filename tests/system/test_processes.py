@@ -33,7 +33,9 @@ with child_process("it", ["-c", "import time; print('begun', flush=True); time.s
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_it_starts_ends_it(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_while_it_starts_ends_it(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     started: list[subprocess.Popen[bytes]] = []
 
     class Interrupted(subprocess.Popen):  # type: ignore[type-arg]
@@ -48,7 +50,10 @@ def test_a_signal_while_it_starts_ends_it(number: int, tmp_path: Path, monkeypat
     monkeypatch.setattr(processes.subprocess, "Popen", Interrupted)
     before = signal.signal(number, interrupt)
     try:
-        with pytest.raises(KeyboardInterrupt), child_process("it", ["-c", "input()"], tmp_path / "log"):
+        with (
+            pytest.raises(KeyboardInterrupt),
+            child_process("it", ["-c", "input()"], tmp_path / "log"),
+        ):
             pytest.fail("it must not come this far")
         assert signal.getsignal(number) is interrupt
     finally:
@@ -61,7 +66,10 @@ def test_a_signal_while_it_starts_ends_it(number: int, tmp_path: Path, monkeypat
     ("output", "told"),
     [
         ("", "it said nothing"),
-        ("[ERROR] [1.5] [knee_contact]: why\n[INFO] [1.6] [knee_contact]: 601 ticks", r"\[ERROR\] .* why"),
+        (
+            "[ERROR] [1.5] [knee_contact]: why\n[INFO] [1.6] [knee_contact]: 601 ticks",
+            r"\[ERROR\] .* why",
+        ),
     ],
 )
 def test_why_it_has_ended_is_told(tmp_path: Path, output: str, told: str) -> None:

@@ -8,7 +8,9 @@ import pytest
 
 from knee_contact_ros.system.files import LARGEST, MOST_NODES, BadYamlError, parse_yaml, read_yaml
 
-DOUBLED = "\n".join(["a0: &a0 {x: 1}", *(f"a{i}: &a{i} {{p: *a{i - 1}, q: *a{i - 1}}}" for i in range(1, 30))])
+DOUBLED = "\n".join(
+    ["a0: &a0 {x: 1}", *(f"a{i}: &a{i} {{p: *a{i - 1}, q: *a{i - 1}}}" for i in range(1, 30))]
+)
 """Thirty lines that stand for a thousand million"""
 
 BEYOND = {

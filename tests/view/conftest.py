@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(scope="session")
-def osteoarthritic(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def osteoarthritic(
+    config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """A recording of the osteoarthritic knee with its MRI profile."""
     path = tmp_path_factory.mktemp("recordings") / "osteoarthritic.mcap"
     parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
@@ -31,7 +33,10 @@ def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, Rows]:
     from knee_contact_ros.view.anatomy import drawing_of
     from tests.view.scenes import WEIGHT, answered
 
-    stream = ContactStream(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    stream = ContactStream(
+        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]),
+        compiled=False,
+    )
     rows = answered(stream, right_bag)
     return drawing_of(stream.model, "knee", WEIGHT), rows
 

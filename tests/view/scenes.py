@@ -23,9 +23,10 @@ from tests.helpers.messages import raw_inputs
 
 WEIGHT = 737.068
 SHIPPED = [
-    [law, *surface] for law in ("healthy.yaml", "osteoarthritis.yaml") for surface in ([], ["mri_femur.yaml"],
-    ["mri_knee.yaml"])
-]  # fmt: skip
+    [law, *surface]
+    for law in ("healthy.yaml", "osteoarthritis.yaml")
+    for surface in ([], ["mri_femur.yaml"], ["mri_knee.yaml"])
+]
 """Parameter files of all shipped knees"""
 
 
@@ -38,7 +39,9 @@ def answered(stream: ContactStream, bag: Path, most: int = 10_000) -> Rows:
     return rows_of([*answers_of(stream, bag, most)])
 
 
-def written(path: Path, drawing: KneeOutlines, parts: list[Any], latency: bool = False, **options: Any) -> Path:
+def written(
+    path: Path, drawing: KneeOutlines, parts: list[Any], latency: bool = False, **options: Any
+) -> Path:
     """A scene of batches of answers, and of notes (name and values) between them."""
     file = RerunFile(path, [drawing], latency=latency)
     scene = Scene(file.recording, drawing, latency=latency, **options)
@@ -58,7 +61,10 @@ def at(rows: Rows, stamps: Any) -> Rows:
 
 @lru_cache(maxsize=2)
 def _chunks(path: Path, *_status: int) -> list[Any]:
-    return [(chunk.entity_path, chunk.is_static, chunk.to_record_batch()) for chunk in RrdReader(path).stream()]
+    return [
+        (chunk.entity_path, chunk.is_static, chunk.to_record_batch())
+        for chunk in RrdReader(path).stream()
+    ]
 
 
 def chunks(path: Path) -> list[Any]:
@@ -92,10 +98,14 @@ def entities(path: Path) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for place, still, batch in chunks(path):
         if not still:
-            found.setdefault(place, set()).update(name for name in batch.schema.names if ":" in name)
+            found.setdefault(place, set()).update(
+                name for name in batch.schema.names if ":" in name
+            )
     return found
 
 
 def constant(path: Path, component: str) -> set[str]:
     """The entities that hold a component which does not change."""
-    return {place for place, still, batch in chunks(path) if still and component in batch.schema.names}
+    return {
+        place for place, still, batch in chunks(path) if still and component in batch.schema.names
+    }

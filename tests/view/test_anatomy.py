@@ -21,7 +21,7 @@ from knee_contact_ros.view.anatomy import (
     Picture,
     drawing_of,
     picture_of,
-)  # fmt: skip
+)
 from knee_contact_ros.view.picture import magnified
 
 DEPTH = 0.7e-3
@@ -31,12 +31,13 @@ KNEES: dict[str, list[Any]] = {
     "MRI femur": ["osteoarthritis.yaml", "mri_femur.yaml"],
     "MRI knee": ["healthy.yaml", "mri_knee.yaml"],
     "hollow tibia": [
-        "osteoarthritis.yaml", {"tibia.geometry": "circle", "translation.mechanism": "parallel_mechanism"}
+        "osteoarthritis.yaml",
+        {"tibia.geometry": "circle", "translation.mechanism": "parallel_mechanism"},
     ],
     "MRI femur on a slope": ["healthy.yaml", "mri_femur.yaml", {"tibia.slope": -0.2}],
     "steep slope": ["osteoarthritis.yaml", {"tibia.slope": 0.5}],
     "elastic foundation": ["healthy.yaml", {"contact.law": "elastic_foundation"}],
-}  # fmt: skip
+}
 ANGLES = (-0.1, 0.3, 1.2)
 TWO_LAYERS = {"contact.law": "two_layer_elastic", "contact.layer_depth": 1e-3}
 
@@ -62,7 +63,9 @@ def pressed(model: KneeModel, angle: float, depth: float = DEPTH) -> Picture:
 
 
 def area(polygon: np.ndarray) -> float:
-    return abs(0.5 * float(np.linalg.det(np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)).sum()))
+    return abs(
+        0.5 * float(np.linalg.det(np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)).sum())
+    )
 
 
 def crossings(polygon: np.ndarray) -> int:
@@ -81,23 +84,34 @@ def crossings(polygon: np.ndarray) -> int:
 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("name", KNEES)
-def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(config: Path, name: str, angle: float) -> None:
+def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(
+    config: Path, name: str, angle: float
+) -> None:
     model = model_of(config, name)
     picture = pressed(model, angle)
     for polygon in picture[:5]:
         assert np.isfinite(polygon).all()
         assert crossings(polygon) == 0
-        assert np.hypot(*np.diff(polygon, axis=0, append=polygon[:1]).T).max() < 0.06  # no side leaps over the knee
-    bones, covers = (picture.femur_bone, picture.tibia_bone), (picture.femur_cartilage, picture.tibia_cartilage)
+        assert (
+            np.hypot(*np.diff(polygon, axis=0, append=polygon[:1]).T).max() < 0.06
+        )  # no side leaps over the knee
+    bones, covers = (
+        (picture.femur_bone, picture.tibia_bone),
+        (picture.femur_cartilage, picture.tibia_cartilage),
+    )
     point, normal = np.array(picture.contact_point), np.array(picture.normal)
     # The cartilage: at the contact, between the bones and the surfaces.
     inside = 0.5 * min(anatomy_of(model).thickness, DEPTH)
-    for bone, cover, deep, shallow in zip(bones, covers, (8e-3, -8e-3), (inside - DEPTH, -inside), strict=True):
+    for bone, cover, deep, shallow in zip(
+        bones, covers, (8e-3, -8e-3), (inside - DEPTH, -inside), strict=True
+    ):
         assert Outline(bone).contains_point(point + deep * normal)
         assert Outline(cover).contains_point(point + shallow * normal)
     # The overlap, against a count of the points that lie in both closed outlines.
     low, high = picture.overlap.min(axis=0) - 1e-4, picture.overlap.max(axis=0) + 1e-4
-    x, y = (np.linspace(*ends, number) for *ends, number in zip(low, high, (300, 150), strict=True))
+    x, y = (
+        np.linspace(*ends, number) for *ends, number in zip(low, high, (300, 150), strict=True)
+    )
     grid = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
     femur, tibia = (
         Outline(bone).contains_points(grid) | Outline(cover).contains_points(grid)
@@ -118,7 +132,9 @@ def test_triangles_cover_the_bones_once(config: Path, name: str) -> None:
         triangles = triangles_of(polygon)
         assert len(triangles) == len(polygon) - 2
         # As much as the polygon, to rounding: none lies over another, or outside.
-        assert sum(area(polygon[corners]) for corners in triangles) == pytest.approx(area(polygon), rel=1e-9)
+        assert sum(area(polygon[corners]) for corners in triangles) == pytest.approx(
+            area(polygon), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("name", KNEES)
@@ -131,7 +147,9 @@ def test_surfaces_are_the_model_s(config: Path, name: str) -> None:
     assert drawn[:, 1].min() == pytest.approx(outline[:, 1].min(), abs=2e-5)
     tibia = anatomy.tibia_cartilage[:SURFACE_POINTS]
     assert (np.diff(tibia[:, 0]) > 0.0).all()
-    assert tibia[:, 1] == pytest.approx(np.interp(tibia[:, 0], *model.pair.outline(0.05).T), abs=2e-5)
+    assert tibia[:, 1] == pytest.approx(
+        np.interp(tibia[:, 0], *model.pair.outline(0.05).T), abs=2e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -139,10 +157,16 @@ def test_surfaces_are_the_model_s(config: Path, name: str) -> None:
     [
         ({}, DRAWN_THICKNESS, True),
         (TWO_LAYERS, 0.5e-3, False),
-        ({"contact.law": "elastic_foundation", "contact.foundation_thickness": 3e-3}, 1.5e-3, False),
+        (
+            {"contact.law": "elastic_foundation", "contact.foundation_thickness": 3e-3},
+            1.5e-3,
+            False,
+        ),
     ],
 )
-def test_the_law_tells_the_thickness_if_it_can(changes: dict[str, Any], thickness: float, is_drawn: bool) -> None:
+def test_the_law_tells_the_thickness_if_it_can(
+    changes: dict[str, Any], thickness: float, is_drawn: bool
+) -> None:
     anatomy = anatomy_of(load_model(changes))
     assert (anatomy.thickness, anatomy.thickness_is_drawn) == (pytest.approx(thickness), is_drawn)
     surface, bone = anatomy.tibia_cartilage[:SURFACE_POINTS], anatomy.tibia_bone[:SURFACE_POINTS]
@@ -156,7 +180,9 @@ def test_the_bones_touch_where_the_law_says_so() -> None:
         assert Outline(picture.tibia_bone).contains_points(picture.femur_bone).any() == touch
 
 
-def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfaces_have_run_into_each_other() -> None:
+def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfaces_have_run_into_each_other() -> (
+    None
+):
     whole = picture_of(load_model({}), 0.2, -0.03).overlap
     assert np.ptp(whole[:, 0]) == pytest.approx(2.0 * REACH)
     picture = picture_of(load_model({}), 0.2, 0.035)
@@ -165,7 +191,9 @@ def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfac
 
 
 def test_what_is_drawn_is_as_deep_as_it_says() -> None:
-    posed = picture_of(load_model(["healthy", "osteoarthritis"]), 0.1, 0.034 - 0.7e-3)  # a circle on a plane
+    posed = picture_of(
+        load_model(["healthy", "osteoarthritis"]), 0.1, 0.034 - 0.7e-3
+    )  # a circle on a plane
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
     assert np.ptp(posed.overlap[:, 1]) == pytest.approx(0.7e-3, abs=1e-5)
     deep = magnified(posed, np.inf, 0.5e-3)
@@ -174,8 +202,12 @@ def test_what_is_drawn_is_as_deep_as_it_says() -> None:
     assert not len(magnified(posed, np.inf, 0.8e-3))
 
 
-@pytest.mark.parametrize(("depth", "told"), [(0.7e-3, "0.700 mm deep\n(drawn × 10)"), (-0.4e-3, "0.400 mm apart")])
-def test_depth_and_scale_are_told_and_a_knee_that_is_apart_is_drawn(depth: float, told: str) -> None:
+@pytest.mark.parametrize(
+    ("depth", "told"), [(0.7e-3, "0.700 mm deep\n(drawn × 10)"), (-0.4e-3, "0.400 mm apart")]
+)
+def test_depth_and_scale_are_told_and_a_knee_that_is_apart_is_drawn(
+    depth: float, told: str
+) -> None:
     from matplotlib.figure import Figure
 
     knee = Figure().subplots()

@@ -20,10 +20,30 @@ from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view import layout
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of, drawings_of, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS
-from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, SOLVER, about, plane_title, plots_of, title_of
+from knee_contact_ros.view.layout import (
+    DETAILS,
+    FORCES,
+    KNEE,
+    SOLVER,
+    about,
+    plane_title,
+    plots_of,
+    title_of,
+)
 from knee_contact_ros.view.scene import PICTURE_PERIOD
 from tests.helpers.answers import contact
-from tests.view.scenes import SHIPPED, WEIGHT, answered, at, column, constant, entities, lists, texts_of, written
+from tests.view.scenes import (
+    SHIPPED,
+    WEIGHT,
+    answered,
+    at,
+    column,
+    constant,
+    entities,
+    lists,
+    texts_of,
+    written,
+)
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
 Knee = tuple[KneeOutlines, Rows]
@@ -31,7 +51,11 @@ SECOND = 1_000_000_000
 
 
 def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path) -> None:
-    names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
+    names = {
+        "translation.mechanism": "parallel_mechanism",
+        "tibia.geometry": "circle",
+        "load.share": 1.0,
+    }
     stream = ContactStream(load_parameters(names), compiled=False)
     rows, model = answered(stream, right_bag, 240), stream.model
     path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
@@ -44,27 +68,45 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     angles, force = rows["flexion_angle"], rows["contact_force"]
     x = np.array([1e3 * model.pair.mechanism.translation(angle)[0] for angle in angles.tolist()])
     point = 1e3 * np.stack([rows["contact_point"]["x"], rows["contact_point"]["y"]], axis=1)
-    closest = [model.closest(*pose) for pose in zip(angles.tolist(), rows["femoral_height"].tolist(), strict=True)]
-    arrow = np.array([(where.normal_x, where.normal_y) for where in closest]) * force[:, None] / 50.0  # N per mm
+    closest = [
+        model.closest(*pose)
+        for pose in zip(angles.tolist(), rows["femoral_height"].tolist(), strict=True)
+    ]
+    arrow = (
+        np.array([(where.normal_x, where.normal_y) for where in closest]) * force[:, None] / 50.0
+    )  # N per mm
     # Rerun keeps single precision: 6e-8 of lengths of 40 mm, and of quaternions of 1.
     place = np.stack([x, 1e3 * rows["femoral_height"], 0.0 * angles], axis=1)
     assert drawn("femur", "Transform3D:translation") == pytest.approx(place, abs=1e-5)
-    for entity, component in (("contact_point", "Points2D:positions"), ("contact_path", "Points2D:positions"),
-                              ("contact_force_on_femur", "Arrows2D:origins")):  # fmt: skip
+    for entity, component in (
+        ("contact_point", "Points2D:positions"),
+        ("contact_path", "Points2D:positions"),
+        ("contact_force_on_femur", "Arrows2D:origins"),
+    ):
         assert drawn(entity, component) == pytest.approx(point, abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
     words = [f"{newtons:.0f} N\n{newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
     assert texts_of(path, "sagittal/contact_force", "Points2D:labels") == words
-    in_front, behind = (column(path, f"/knee/{root}/femur", "Transform3D:quaternion") for root in ("sagittal", "body"))
+    in_front, behind = (
+        column(path, f"/knee/{root}/femur", "Transform3D:quaternion")
+        for root in ("sagittal", "body")
+    )
     assert np.array_equal(in_front, behind)
     quaternion = in_front.reshape(len(rows), 4)
     # Flexion turns the femur from anterior to superior, which is backwards on a screen whose y points down.
     assert 2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 3]) == pytest.approx(-angles, abs=1e-6)
     assert quaternion[:, :2] == pytest.approx(0.0, abs=0.0)
-    leg = {name: column(path, f"/knee/leg/{name}", part).reshape(len(rows), -1) for name, part in (
-        ("thigh", "Transform3D:translation"), ("contact_force_on_femur", "Arrows3D:vectors"))}  # fmt: skip
+    leg = {
+        name: column(path, f"/knee/leg/{name}", part).reshape(len(rows), -1)
+        for name, part in (
+            ("thigh", "Transform3D:translation"),
+            ("contact_force_on_femur", "Arrows3D:vectors"),
+        )
+    }
     assert leg["thigh"] == pytest.approx(1e-3 * place, abs=1e-8)
-    assert leg["contact_force_on_femur"][:, :2] == pytest.approx(5e-3 * arrow, abs=3e-8)  # 0.1 m for a kN
+    assert leg["contact_force_on_femur"][:, :2] == pytest.approx(
+        5e-3 * arrow, abs=3e-8
+    )  # 0.1 m for a kN
     # There is something to see in every one of them.
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
@@ -74,14 +116,18 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> N
     corners = column(drawn, "/knee/body/overlap", "Mesh3D:vertex_positions")
     # As it is, and magnified: its cartilage, its bone; each along the tibia and along the femur.
     assert corners.shape == (len(rows), 3 * 2 * POINTS, 3)
-    upper, lower, top, cartilage, bone, bottom = corners.reshape(len(rows), 6, POINTS, 3).transpose(1, 0, 2, 3)
+    upper, lower, top, cartilage, bone, bottom = corners.reshape(
+        len(rows), 6, POINTS, 3
+    ).transpose(1, 0, 2, 3)
     depth, point = 1e3 * rows["penetration_depth"], 1e3 * rows["contact_point"]["x"]
     # 13 points: the deepest is within half a step, 1/24 of the width, and a parabola is 1/144 lower there; the
     # outline's corners cut some micrometres off. On the screen y points down.
     assert (lower - upper)[..., 1].max(axis=1) == pytest.approx(depth, rel=0.01, abs=2e-3)
     assert np.array_equal(upper, top)
     assert (bottom - top)[..., 1].max(axis=1) == pytest.approx(10.0 * depth, rel=0.01, abs=2e-2)
-    assert (cartilage - top)[..., 1].max(axis=1) == pytest.approx(10.0 * np.minimum(depth, 0.5), rel=0.01, abs=2e-2)
+    assert (cartilage - top)[..., 1].max(axis=1) == pytest.approx(
+        10.0 * np.minimum(depth, 0.5), rel=0.01, abs=2e-2
+    )
     assert np.array_equal(cartilage, bone)
     assert ((upper[:, 0, 0] < point) & (point < upper[:, -1, 0])).all()
     words = [f"{one:.2f} mm deep\ndrawn × 10" for one in depth.tolist()]
@@ -101,18 +147,25 @@ def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: 
         column(path, f"/knee/sagittal/{name}", "Points2D:positions").reshape(2, 2)
         for name in ("contact_force", "contact_point")
     )
-    assert words[0] == pytest.approx(point[0])  # words stand below their places: in the tibia, not in the gap
+    assert words[0] == pytest.approx(
+        point[0]
+    )  # words stand below their places: in the tibia, not in the gap
     assert words[1, 1] < point[1, 1] - 700.0 / 50.0  # N per mm; the screen's y points down
 
 
-def test_how_answers_are_cut_into_batches_makes_no_difference(knee: Knee, drawn: Path, tmp_path: Path) -> None:
+def test_how_answers_are_cut_into_batches_makes_no_difference(
+    knee: Knee, drawn: Path, tmp_path: Path
+) -> None:
     drawing, rows = knee
     cut = written(tmp_path / "cut.rrd", drawing, np.split(rows, [1, 2, 40, 41, 200]))
     assert entities(drawn) == entities(cut)
     for entity, components in entities(drawn).items():
         if entity != "/knee/curves/layer":  # two points of a level line a batch
             for component in components:
-                assert lists(drawn, entity, component) == lists(cut, entity, component), (entity, component)
+                assert lists(drawn, entity, component) == lists(cut, entity, component), (
+                    entity,
+                    component,
+                )
 
 
 def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> None:
@@ -125,27 +178,42 @@ def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> 
 
 
 def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
-    (drawing, rows), near = knee, {"rel": 1e-12}  # the same arithmetic in another order: a few roundings of 1e-16
+    (drawing, rows), near = (
+        knee,
+        {"rel": 1e-12},
+    )  # the same arithmetic in another order: a few roundings of 1e-16
     curves = {
         plot.path: column(drawn, f"/knee/curves/{plot.path}")
         for plot in (*KNEE, *DETAILS, *SOLVER)
         if not (plot.live or plot.read_off)
     }
     for plot in (*KNEE, *DETAILS, *SOLVER):
-        assert plot.live or plot.read_off or curves[plot.path].shape == (387, len(plot.series)), plot
-        assert all("[" in series.name or series.name == "evaluations per tick" for series in plot.series)
-    error, force, uncertain = (rows[name] for name in ("error_estimate", "contact_force", "force_error_estimate"))
+        assert plot.live or plot.read_off or curves[plot.path].shape == (387, len(plot.series)), (
+            plot
+        )
+        assert all(
+            "[" in series.name or series.name == "evaluations per tick" for series in plot.series
+        )
+    error, force, uncertain = (
+        rows[name] for name in ("error_estimate", "contact_force", "force_error_estimate")
+    )
     depth, more = rows["penetration_depth"] - rows["gap"], force - rows["load"]
-    assert curves["depth"] == pytest.approx(1e3 * np.stack([depth - error, depth + error, depth], 1), **near)
+    assert curves["depth"] == pytest.approx(
+        1e3 * np.stack([depth - error, depth + error, depth], 1), **near
+    )
     bands = np.stack([force - uncertain, force + uncertain, force, rows["load"], more], 1)
     assert curves["force"] == pytest.approx(bands / WEIGHT, **near)
     assert np.ptp(1e3 * rows["sliding_velocity"]) > 100.0
     for name, values in (
-        ("flexion", np.degrees(rows["flexion_angle"])), ("contact_point", 1e3 * rows["contact_point"]["x"]),
-        ("sliding_velocity", 1e3 * rows["sliding_velocity"]), ("evaluations", rows["evaluations"]),
-    ):  # fmt: skip
+        ("flexion", np.degrees(rows["flexion_angle"])),
+        ("contact_point", 1e3 * rows["contact_point"]["x"]),
+        ("sliding_velocity", 1e3 * rows["sliding_velocity"]),
+        ("evaluations", rows["evaluations"]),
+    ):
         assert curves[name][:, 0] == pytest.approx(values, **near)
-    assert curves["error"] == pytest.approx(np.stack([uncertain, 1e6 * error], 1), nan_ok=True, **near)
+    assert curves["error"] == pytest.approx(
+        np.stack([uncertain, 1e6 * error], 1), nan_ok=True, **near
+    )
     assert column(drawn, "/knee/curves/layer").ravel() == pytest.approx([0.5, 0.5])
     assert "/knee/curves/latency" not in entities(drawn)
     assert drawing.patch is not None
@@ -153,7 +221,9 @@ def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
     pressure = 1e-6 * np.stack([read["mean_pressure"], read["peak_pressure"]], axis=1)
     np.testing.assert_array_equal(column(drawn, "/knee/curves/pressure"), pressure)
     for name, field, factor in (("patch", "half_width", 1e3), ("strain", "strain", 100.0)):
-        np.testing.assert_array_equal(column(drawn, f"/knee/curves/{name}")[:, 0], factor * read[field])
+        np.testing.assert_array_equal(
+            column(drawn, f"/knee/curves/{name}")[:, 0], factor * read[field]
+        )
     rates = column(drawn, "/knee/curves/loading_rate")
     np.testing.assert_array_equal(rates[:, 0], 1e-3 * read["loading_rate"][1:])
 
@@ -178,7 +248,9 @@ def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
         assert ("bone begins" in title_of([drawing], plot)) == (with_bone and plot.path == "depth")
     assert column(path, "/knee/curves/latency").ravel() == pytest.approx(1e3 * rows["latency"])
     curves = {entity for entity in entities(path) if entity.startswith("/knee/curves/")}
-    assert curves == {f"/knee/curves/{name}" for name in [*(plot.path for plot in plots), *["layer"][:with_bone]]}
+    assert curves == {
+        f"/knee/curves/{name}" for name in [*(plot.path for plot in plots), *["layer"][:with_bone]]
+    }
     assert ("drawn only" in plane_title(drawing)) != with_bone
     assert {"/knee/states/contact", "/knee/states/level"} <= set(entities(path))
 
@@ -197,11 +269,15 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
 
 def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> None:
     drawing, rows = knee
-    shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {"/knee/curves/layer"}
+    shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {
+        "/knee/curves/layer"
+    }
     one = written(tmp_path / "one.rrd", drawing, [rows[:1]])
     assert constant(one, "SeriesPoints:marker_sizes") == shown
     assert texts_of(one)[0].endswith(" s  no events")
-    assert not constant(written(tmp_path / "two.rrd", drawing, [rows[:1], rows[1:2]]), "SeriesPoints:marker_sizes")
+    assert not constant(
+        written(tmp_path / "two.rrd", drawing, [rows[:1], rows[1:2]]), "SeriesPoints:marker_sizes"
+    )
 
 
 def test_states_are_written_where_they_change_and_repeated_where_what_is_old_gets_lost(
@@ -215,7 +291,9 @@ def test_states_are_written_where_they_change_and_repeated_where_what_is_old_get
     parts = [at(rows[:1], SECOND * second) for second in (100, 103, 20, 23)]  # stamps may go back
     path = written(tmp_path / "knee.rrd", drawing, parts, forgetful=True)
     kept = lists(path, "/knee/states/contact", "StateChange:state")
-    assert [(stamp // SECOND, state[0]) for stamp, state in kept] == [(s, "cartilage") for s in (20, 23, 100, 103)]
+    assert [(stamp // SECOND, state[0]) for stamp, state in kept] == [
+        (s, "cartilage") for s in (20, 23, 100, 103)
+    ]
 
 
 def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_its_stamp(
@@ -225,16 +303,27 @@ def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_
     (drawing, rows), today = knee, DATES_FROM * 5
     dated = at(rows, today + rows["stamp"])
     path = written(tmp_path / "knee.rrd", drawing, [("reset", {"tick": "0"}), dated])
-    assert [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")] == dated["stamp"].tolist()
-    assert lists(path, "/knee/events", "TextLog:text")[0] == (dated["stamp"][0], ["2019-12-20 00:00:00.530  reset"])
+    assert [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")] == dated[
+        "stamp"
+    ].tolist()
+    assert lists(path, "/knee/events", "TextLog:text")[0] == (
+        dated["stamp"][0],
+        ["2019-12-20 00:00:00.530  reset"],
+    )
     assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in texts_of(path)
 
 
 def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
     texts = texts_of(drawn)
-    assert {"2.015 s  load peak 1.81 BW (1337.7 N)", "2.430 s  load peak 2.19 BW (1613.8 N)",
-            "1.955 s  bone contact begins", "2.125 s  bone contact ends"} <= set(texts)  # fmt: skip
-    assert [sum(words in text for text in texts) for words in ("heel strike", "toe-off", "stride")] == [2, 1, 1]
+    assert {
+        "2.015 s  load peak 1.81 BW (1337.7 N)",
+        "2.430 s  load peak 2.19 BW (1613.8 N)",
+        "1.955 s  bone contact begins",
+        "2.125 s  bone contact ends",
+    } <= set(texts)
+    assert [
+        sum(words in text for text in texts) for words in ("heel strike", "toe-off", "stride")
+    ] == [2, 1, 1]
     phases = lists(drawn, "/knee/states/gait", "StateChange:state")
     assert [(stamp // 1_000_000, phase[0]) for stamp, phase in phases] == [
         (530, "no stride yet"),
@@ -248,18 +337,25 @@ def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
 
 
 def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
-    drawings = [drawing_of(load_model([config / file for file in files]), "knee", WEIGHT) for files in SHIPPED]
+    drawings = [
+        drawing_of(load_model([config / file for file in files]), "knee", WEIGHT)
+        for files in SHIPPED
+    ]
     ends_of = layout.bounds_of(drawings).range.as_arrow_array().to_pylist()[0].values()
     for drawing in drawings:
         knee = drawing.anatomy
         lowest = knee.femur_cartilage[:, 1].min()
         for angle in (0.0, 1.0):
-            points = 1e3 * np.concatenate([placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone])
+            points = 1e3 * np.concatenate(
+                [placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone]
+            )
             for axis, ends in zip((points[:, 0], -points[:, 1]), ends_of, strict=True):
                 assert ends[0] < axis.min() < axis.max() < ends[1]
 
 
-@pytest.mark.parametrize("changes", [{"tibia.slope": -0.7}, {"tibia.slope": 0.7}, {"femur.radius": 0.2}])
+@pytest.mark.parametrize(
+    "changes", [{"tibia.slope": -0.7}, {"tibia.slope": 0.7}, {"femur.radius": 0.2}]
+)
 def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, float]) -> None:
     model = load_model(["healthy", changes])
     drawing = drawing_of(model, "knee", WEIGHT)
@@ -269,11 +365,15 @@ def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, f
         touching = model.closest(angle, 1.0)
         height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
         assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
-    assert (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0]) > 0.05  # below the marks, where their words stand
+    assert (frame.y[1] - frame.scale[1]) / (
+        frame.y[1] - frame.y[0]
+    ) > 0.05  # below the marks, where their words stand
 
 
 def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
-    profiles = [{"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")]
+    profiles = [
+        {"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")
+    ]
     models = [load_model([config / "mri_femur.yaml", profile]) for profile in profiles]
 
     def sizes(drawing: KneeOutlines) -> tuple[float, float]:
@@ -296,7 +396,11 @@ def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
     assert title_of([still, drawing], DETAILS[0]).endswith("[mm]: knee orange")
     assert len({*KNEE_COLOURS.values()}) == len(KNEE_COLOURS)
-    four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
+    four = [
+        drawing._replace(knee=f"{side}_{of}")
+        for side in ("left", "right")
+        for of in ("medial", "lateral")
+    ]
     assert title_of(four, KNEE[0]) == (
         "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
     )
@@ -312,7 +416,9 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
     def luminance(colour: tuple[int, int, int]) -> float:
         """Relative luminance of the web's contrast formula (WCAG 2)."""
         parts = [part / 255.0 for part in colour]
-        linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        linear = [
+            part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+        ]
         return float(np.dot([0.2126, 0.7152, 0.0722], linear))
 
     series = {series.colour for plot in (*KNEE, *DETAILS, *SOLVER) for series in plot.series}

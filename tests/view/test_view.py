@@ -23,7 +23,12 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
+from knee_contact_ros.bags.provenance import (
+    PARAMETERS_CHANGED,
+    RESET,
+    change_record,
+    provenance_record,
+)
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
@@ -44,8 +49,13 @@ RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not (plot.live or plo
 ANSWERS = MESSAGE_TYPES["knee_contact"]
 
 
-def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
-    stream = ContactStream(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+def test_a_recording_looks_as_it_did_live(
+    osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path
+) -> None:
+    stream = ContactStream(
+        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]),
+        compiled=False,
+    )
     now, then = tmp_path / "live.rrd", tmp_path / "later.rrd"
     live = open_output(now, [drawing_of(stream.model, "knee", 737.068)])
     for answer in answers_of(stream, right_bag):
@@ -57,12 +67,30 @@ def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, ri
     assert seen == entities(then)
     for entity, components in seen.items():
         for component in components:
-            assert lists(now, entity, component) == lists(then, entity, component), (entity, component)
+            assert lists(now, entity, component) == lists(then, entity, component), (
+                entity,
+                component,
+            )
 
 
-def test_bags_are_computed_and_knees_stand_side_by_side(osteoarthritic: Path, right_bag: Path, tmp_path: Path) -> None:
+def test_bags_are_computed_and_knees_stand_side_by_side(
+    osteoarthritic: Path, right_bag: Path, tmp_path: Path
+) -> None:
     path, bag = tmp_path / "out.rrd", right_bag.with_name("gait2354_left")
-    assert main(["view", str(bag), str(osteoarthritic), "-p", "femur.radius:=0.03", "--save", str(path)]) == 0
+    assert (
+        main(
+            [
+                "view",
+                str(bag),
+                str(osteoarthritic),
+                "-p",
+                "femur.radius:=0.03",
+                "--save",
+                str(path),
+            ]
+        )
+        == 0
+    )
     for knee in ("gait2354_left", "osteoarthritic"):
         for plot in RECORDED:
             if plot.path != CONTACT_POINT or knee == "osteoarthritic":  # that of a circle is still
@@ -81,11 +109,15 @@ def test_doubts_about_a_bag_are_told_and_damage_ends_with_1(
     soft, implausible, damaged = told.splitlines()
     assert "contact.stiffness" in soft
     assert " ticks " in implausible
-    assert damaged.startswith(f"knee-contact: bag {cut} is damaged, and solved as far as it can be read: the end is ")
+    assert damaged.startswith(
+        f"knee-contact: bag {cut} is damaged, and solved as far as it can be read: the end is "
+    )
     assert 100 < len(column(path, "/knee/curves/flexion", "Scalars:scalars")) < 387
 
 
-def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
+def test_a_recording_from_before_sliding_and_force_error(
+    old_recording: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "out.rrd"
     assert main(["view", str(old_recording), "--save", str(path)]) == 0
     later = {"sliding_velocity": [0], "force": [0, 1], "error": [0]}
@@ -93,7 +125,9 @@ def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tm
         if plot.path != CONTACT_POINT:
             values = column(path, f"/knee/curves/{plot.path}")
             assert len(values) == 387
-            assert np.flatnonzero(np.isnan(values).all(axis=0)).tolist() == later.get(plot.path, []), plot.path
+            assert np.flatnonzero(np.isnan(values).all(axis=0)).tolist() == later.get(
+                plot.path, []
+            ), plot.path
 
 
 @pytest.mark.parametrize(
@@ -104,13 +138,20 @@ def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tm
     ],
 )
 def test_namespaces_are_knees(
-    osteoarthritic: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], files: list[str], topics: list[str],
+    osteoarthritic: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    files: list[str],
+    topics: list[str],
     roots: set[str],
-) -> None:  # fmt: skip
+) -> None:
     """In what another recorder has of our answers under some names."""
     paths = [tmp_path / f"{name}.mcap" for name in files]
     for path in paths:
-        with BagWriter(path) as bag, BagReader(osteoarthritic, {"/knee_contact": ANSWERS}) as reader:
+        with (
+            BagWriter(path) as bag,
+            BagReader(osteoarthritic, {"/knee_contact": ANSWERS}) as reader,
+        ):
             for topic in topics:
                 bag.add_topic(topic, ANSWERS)
             for message in reader.raw_messages():
@@ -119,10 +160,15 @@ def test_namespaces_are_knees(
     arguments = ["--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]
     assert main(["view", *map(str, paths), *arguments]) == 0
     assert {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")} == roots
-    assert f"{files[0]}.mcap does not hold its parameters: drawn with those of --params" in capsys.readouterr().err
+    assert (
+        f"{files[0]}.mcap does not hold its parameters: drawn with those of --params"
+        in capsys.readouterr().err
+    )
 
 
-def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, config: Path, tmp_path: Path) -> None:
+def test_what_happened_to_the_node_is_seen_where_it_happened(
+    right_bag: Path, config: Path, tmp_path: Path
+) -> None:
     """With the line where bone begins."""
     parameters = load_parameters([config / "osteoarthritis.yaml"])
     stream = ContactStream(parameters, compiled=False)
@@ -131,13 +177,17 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
         for answer in answers_of(stream, right_bag):
             writer.write(answer.records)
             if stream.ticks == 100:
-                writer.note(PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3}))
+                writer.note(
+                    PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3})
+                )
             if stream.ticks == 200:
                 writer.note(RESET, {"tick": "200"})
         writer.finish(stream.ending())
     path = tmp_path / "out.rrd"
     assert main(["view", str(tmp_path / "out.mcap"), "--save", str(path)]) == 0
-    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(texts_of(path))
+    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(
+        texts_of(path)
+    )
     line = lists(path, "/knee/curves/layer", "Scalars:scalars")
     assert min(stamp for stamp, value in line if value[0] > 0.55) == 1_030_000_000
     assert len(column(path, "/knee/curves/pressure")) == 100  # of another law nothing is said
@@ -149,10 +199,16 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
     [
         (["nothing.mcap"], "no bag at nothing.mcap"),
         (["text.mcap", "--save", "out.rrd"], "text.mcap"),
-        (["RECORDING"], "no screen for a viewer (DISPLAY is not set); say --save OUT.rrd or --serve"),
+        (
+            ["RECORDING"],
+            "no screen for a viewer (DISPLAY is not set); say --save OUT.rrd or --serve",
+        ),
         (["RECORDING", "--save", "old.rrd"], "old.rrd exists already"),
         (["RECORDING", "--save", "text.mcap/out.rrd"], "text.mcap/out.rrd"),
-        (["RECORDING", "--save", "out.rrd", "--serve"], "--save and --serve cannot be given together"),
+        (
+            ["RECORDING", "--save", "out.rrd", "--serve"],
+            "--save and --serve cannot be given together",
+        ),
         (["RECORDING", "--save", "out.rrd", "--params", "none.yaml"], "none.yaml"),
         (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be viewed"),
         (["RECORDING", "--serve", "--port", "80"], "1024"),
@@ -163,15 +219,21 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
     ],
 )
 def test_bad_input_is_told_in_one_line(
-    arguments: list[str], words: str, osteoarthritic: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    arguments: list[str],
+    words: str,
+    osteoarthritic: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
     Path("text.mcap").write_text("hello")
     Path("old.rrd").touch()
-    given = [str(osteoarthritic) if argument == "RECORDING" else argument for argument in arguments]
+    given = [
+        str(osteoarthritic) if argument == "RECORDING" else argument for argument in arguments
+    ]
     if arguments == ["nothing.mcap"]:
         given += ["--save", "out.rrd"]
     assert main(["view", *given]) == 2
@@ -184,7 +246,10 @@ def test_bad_input_is_told_in_one_line(
 
 def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) -> None:
     (tmp_path / "old.rrd").write_text("old")
-    assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "old.rrd"), "--overwrite"]) == 0
+    assert (
+        main(["view", str(osteoarthritic), "--save", str(tmp_path / "old.rrd"), "--overwrite"])
+        == 0
+    )
     before = osteoarthritic.read_bytes()
     assert main(["view", str(osteoarthritic), "--save", str(osteoarthritic), "--overwrite"]) == 2
     assert osteoarthritic.read_bytes() == before
@@ -206,22 +271,31 @@ def viewing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_browsers_are_served_until_ctrl_c(
+    osteoarthritic: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     port = next(port for port in (free_port() for _ in range(100)) if port < 65_000)
     with viewing(*(arguments := [str(osteoarthritic), "--serve", "--port", str(port)])) as process:
 
         def page() -> bytes:
             # While nobody listens, a connection to a port for outgoing ones may be answered by itself.
-            with suppress(OSError, HTTPException), urllib.request.urlopen(f"http://127.0.0.1:{port + 1}/") as answer:
+            with (
+                suppress(OSError, HTTPException),
+                urllib.request.urlopen(f"http://127.0.0.1:{port + 1}/") as answer,
+            ):
                 return bytes(answer.read())
             return b""
 
         assert b"<html" in wait_for(page, "the page").lower()
-        family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+        family = [
+            psutil.Process(process.pid),
+            *psutil.Process(process.pid).children(recursive=True),
+        ]
         sockets = [one for member in family for one in member.net_connections("tcp")]
         assert {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN} == {
-            ("127.0.0.1", port), ("127.0.0.1", port + 1)
-        }  # fmt: skip
+            ("127.0.0.1", port),
+            ("127.0.0.1", port + 1),
+        }
         with rendered(f"rerun+http://127.0.0.1:{port}/proxy") as screen:
             assert "knee: events" in screen.views()
         assert main(["view", *arguments]) == 2
@@ -229,14 +303,23 @@ def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path, capsys: pytest.C
         os.kill(process.pid, signal.SIGINT)
         said, errors = process.communicate(timeout=30.0)
         assert (process.returncode, errors) == (0, "")
-    assert f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
+    assert (
+        f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
+    )
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port + 1)) != 0
 
 
 def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_screen: None) -> None:
-    with viewing(str(osteoarthritic)) as process, window_of(psutil.Process(process.pid), 2_460_000_000) as viewer:
-        listening = [one.laddr.ip for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+    with (
+        viewing(str(osteoarthritic)) as process,
+        window_of(psutil.Process(process.pid), 2_460_000_000) as viewer,
+    ):
+        listening = [
+            one.laddr.ip
+            for one in viewer.net_connections("tcp")
+            if one.status == psutil.CONN_LISTEN
+        ]
         assert {*listening} == {"127.0.0.1"}
         folder = Path(viewer.cmdline()[-1]).parent
         assert folder.is_dir()
@@ -247,7 +330,9 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         assert not folder.exists()
 
 
-def test_the_viewer_is_found_among_the_packages_of_a_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_viewer_is_found_among_the_packages_of_a_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "rerun_cli").mkdir()
     for name in ("__init__.py", "rerun"):
         (tmp_path / "rerun_cli" / name).touch()
@@ -257,9 +342,15 @@ def test_the_viewer_is_found_among_the_packages_of_a_user(tmp_path: Path, monkey
     assert executable() == tmp_path / "rerun_cli" / "rerun"
 
 
-@pytest.mark.parametrize("arguments", [["nowhere.mcap"], ["{bag}", "--save", "out.rrd"], ["rerun+http://127.0.0.1/"]])
+@pytest.mark.parametrize(
+    "arguments", [["nowhere.mcap"], ["{bag}", "--save", "out.rrd"], ["rerun+http://127.0.0.1/"]]
+)
 def test_the_command_tells_what_to_install(
-    arguments: list[str], right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    arguments: list[str],
+    right_bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "rerun_cli", None)
@@ -268,14 +359,28 @@ def test_the_command_tells_what_to_install(
     assert not list(tmp_path.iterdir())
 
 
-def test_view_ends_with_one_line_when_the_disk_is_full(osteoarthritic: Path, tmp_path: Path) -> None:
+def test_view_ends_with_one_line_when_the_disk_is_full(
+    osteoarthritic: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "pictures" / "knee.rrd"
     path.parent.mkdir()
     done = subprocess.run(
-        [sys.executable, "-m", "knee_contact_ros.commands.main", "view", str(osteoarthritic), "--save", str(path)],
-        capture_output=True, text=True, timeout=180, check=False, env=os.environ | NO_BYTECODE,
+        [
+            sys.executable,
+            "-m",
+            "knee_contact_ros.commands.main",
+            "view",
+            str(osteoarthritic),
+            "--save",
+            str(path),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+        env=os.environ | NO_BYTECODE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)),
-    )  # fmt: skip
+    )
     assert done.stderr.splitlines()[-1] == f"knee-contact: {path}.partial: File too large"
     assert done.returncode == 1
     assert not list(path.parent.iterdir())
@@ -296,7 +401,9 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
         others = {plot.title for plot in (*DETAILS, *SOLVER) if not plot.live}
-        others |= {f"knee: {name}" for name in ("leg and contact force", "contact and level", "events")}
+        others |= {
+            f"knee: {name}" for name in ("leg and contact force", "contact and level", "events")
+        }
         others |= {"What you see", "Stance, shaded, and swing"}
         assert others < shown
         assert len(shown) == 1 + len(KNEE) + len(others)

@@ -27,7 +27,7 @@ from knee_contact_ros.lab.calibrate.fit import (
     fitted,
     intervals,
     unknowns_of,
-)  # fmt: skip
+)
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for
@@ -106,11 +106,20 @@ class Calibration:
 
 @in_python_words()
 def calibrate(
-    table: Name | Sequence[Name] | Mapping[str, Any] | Any, params: Any = None, free: Free = (),
+    table: Name | Sequence[Name] | Mapping[str, Any] | Any,
+    params: Any = None,
+    free: Free = (),
     values: Mapping[str, Any] | None = None,
-    *, sigma: Mapping[str, float] | None = None, loss: str = LINEAR, level: float = 0.95, with_intervals: bool = True,
-    starts: int = 4, compiled: bool | None = None, remap: Mapping[str, str] | None = None, namespace: str = "",
-) -> Calibration:  # fmt: skip
+    *,
+    sigma: Mapping[str, float] | None = None,
+    loss: str = LINEAR,
+    level: float = 0.95,
+    with_intervals: bool = True,
+    starts: int = 4,
+    compiled: bool | None = None,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+) -> Calibration:
     """Fit parameters to measurements.
 
     From a table, parameters of one compartment's model are fitted to a depth, force, gap or height; from a bag, a
@@ -160,14 +169,22 @@ def calibrate(
     problem = _problem(table, params, free, values or {}, remaps, namespace, compiled)
     measured, unknowns, sigma = problem.measured, problem.unknowns, sigma or {}
     if measured.number <= len(unknowns):
-        raise UsageError(f"{measured.source}: {measured.number} values can be fitted, for {len(unknowns)} parameters; "
-                         "more are needed than parameters are free")  # fmt: skip
-    problem.predicted({unknown.name: unknown.start for unknown in unknowns})  # refuses wrong inputs or a wrong start
+        raise UsageError(
+            f"{measured.source}: {measured.number} values can be fitted, for {len(unknowns)} parameters; "
+            "more are needed than parameters are free"
+        )
+    problem.predicted(
+        {unknown.name: unknown.start for unknown in unknowns}
+    )  # refuses wrong inputs or a wrong start
     for name, deviation in sigma.items():
         if name not in measured.answers:
-            raise UsageError(f"--sigma {name}: it was not measured; measured are {', '.join(measured.answers)}")
+            raise UsageError(
+                f"--sigma {name}: it was not measured; measured are {', '.join(measured.answers)}"
+            )
         if not (isinstance(deviation, int | float | np.floating) and 0.0 < deviation < math.inf):
-            raise UsageError(f"--sigma {name}={deviation}: it must be COLUMN=NUMBER, the number > 0 in its unit")
+            raise UsageError(
+                f"--sigma {name}={deviation}: it must be COLUMN=NUMBER, the number > 0 in its unit"
+            )
     with progress("Fitting") as advance:
         fit = fitted(problem, loss, sigma, starts, advance)
     bounds, better = list[Interval](), None
@@ -185,11 +202,22 @@ def calibrate(
             found, lambda others: fitted(others, loss, fit.noise, 1, advance).values()
         )
     return Calibration(
-        unknowns, measured, found, dict(zip(found, bounds, strict=False)), level, fit.correlation, dict(fit.noise),
-        fit.given, {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()}, residuals,
-        answers, (*([] if better is None else [ROUGH]), *doubts(fit, bounds, level), *warnings), loss, tuple(remarks),
+        unknowns,
+        measured,
+        found,
+        dict(zip(found, bounds, strict=False)),
+        level,
+        fit.correlation,
+        dict(fit.noise),
+        fit.given,
+        {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()},
+        residuals,
+        answers,
+        (*([] if better is None else [ROUGH]), *doubts(fit, bounds, level), *warnings),
+        loss,
+        tuple(remarks),
         also,
-    )  # fmt: skip
+    )
 
 
 def bags_in(data: Any) -> list[Path]:
@@ -200,17 +228,28 @@ def bags_in(data: Any) -> list[Path]:
     """
     several = list(data) if isinstance(data, list | tuple) else [data]
     names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
-    bags = [name for name in names if name.is_dir() or name.name.removesuffix(PARTIAL).endswith(tuple(MAGICS))]
+    bags = [
+        name
+        for name in names
+        if name.is_dir() or name.name.removesuffix(PARTIAL).endswith(tuple(MAGICS))
+    ]
     if len(names) > 1 and len(bags) < len(names):
         other = next(name for name in names if name not in bags)
-        raise UsageError(f"{other}: it is not a bag; several bags can be given, but only one table")
+        raise UsageError(
+            f"{other}: it is not a bag; several bags can be given, but only one table"
+        )
     return bags
 
 
 def _problem(
-    data: Any, params: Any, free: Free, values: Mapping[str, Any], remaps: Sequence[str], namespace: str,
+    data: Any,
+    params: Any,
+    free: Free,
+    values: Mapping[str, Any],
+    remaps: Sequence[str],
+    namespace: str,
     compiled: bool | None,
-) -> Problem:  # fmt: skip
+) -> Problem:
     """Read the data and the parameters from which a fit starts."""
     bags = bags_in(data)
     given = params or (() if bags else DEFAULT_PARAMETERS)
@@ -220,7 +259,9 @@ def _problem(
         unknowns = unknowns_of(free, problems.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
-            return problems.load_problem_of(person, problems.referenced(bags, person, names, advance), unknowns)
+            return problems.load_problem_of(
+                person, problems.referenced(bags, person, names, advance), unknowns
+            )
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
     knee = load_parameters(sources)
@@ -234,9 +275,16 @@ def _problem(
 
 
 def run_calibrate(
-    data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any], sigma: Sequence[str], output: Path,
-    overwrite: bool, *, remaps: Sequence[str], **options: Any,
-) -> None:  # fmt: skip
+    data: Sequence[Path],
+    params: Sequence[Path],
+    values: Mapping[str, Any],
+    sigma: Sequence[str],
+    output: Path,
+    overwrite: bool,
+    *,
+    remaps: Sequence[str],
+    **options: Any,
+) -> None:
     """Fit as `calibrate` does, write the parameter file, and print the result.
 
     Args:
@@ -258,9 +306,13 @@ def run_calibrate(
         refuse_existing(output)
     in_words_of_options: Any = inspect.unwrap(calibrate)
     calibration: Calibration = in_words_of_options(
-        list(data), list(params), values=values, sigma=dict(map(_deviation, sigma)),
-        remap=dict(split(rule, "--remap") for rule in remaps), **options,
-    )  # fmt: skip
+        list(data),
+        list(params),
+        values=values,
+        sigma=dict(map(_deviation, sigma)),
+        remap=dict(split(rule, "--remap") for rule in remaps),
+        **options,
+    )
     write_complete({output: parameter_file(calibration, data, params, values).encode()})
     _show(calibration)
     say("")
@@ -277,20 +329,28 @@ def _deviation(text: str) -> tuple[str, float]:
         return name, math.nan
 
 
-def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any]) -> str:
+def parameter_file(
+    found: Calibration, data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any]
+) -> str:
     """Write the parameter file as text: only the fitted values, with comments on their origin."""
     files = ", ".join(path.name for path in params) or "the defaults"
     others = "".join(f", {name} {value}" for name, value in values.items())
     rms = [f"{name} {value:.4g} {UNITS[name]}" for name, value in found.rms.items()]
-    intervals_known = [f"{name}: {100.0 * found.level:g} % interval {each}" for name, each in found.intervals.items()]
+    intervals_known = [
+        f"{name}: {100.0 * found.level:g} % interval {each}"
+        for name, each in found.intervals.items()
+    ]
     comments = [
         f"Written by knee-contact calibrate {__version__}, loss {found.loss}; all other parameters: {files}{others}.",
         f"Data: {', '.join(path.name for path in data)}, sha256 {found.measured.digest}.",
         f"RMS of the residuals: {', '.join(rms)}.",
         *(f"{line[0].upper()}{line[1:]}." for line in (*found.remarks, *intervals_known)),
         *(f"Warning: {warning}." for warning in found.warnings),
-    ]  # fmt: skip
-    lines = [f"{name}: {'true' if value is True else f'{value:.9e}'}" for name, value in found.to_parameters().items()]
+    ]
+    lines = [
+        f"{name}: {'true' if value is True else f'{value:.9e}'}"
+        for name, value in found.to_parameters().items()
+    ]
     return parameter_text(LoadParameters if bags_in(list(data)) else Parameters, comments, lines)
 
 
@@ -305,6 +365,8 @@ def _show(found: Calibration) -> None:
     show_table(headings, rows, right=headings[1:3])
     for name, misfit in found.rms.items():
         known = "given" if name in found.given else "estimated"
-        say(f"{name}: RMS {misfit:.4g} {UNITS[name]}; noise {known}: {found.noise[name]:.4g} {UNITS[name]}")
+        say(
+            f"{name}: RMS {misfit:.4g} {UNITS[name]}; noise {known}: {found.noise[name]:.4g} {UNITS[name]}"
+        )
     for remark in found.remarks:
         say(remark)

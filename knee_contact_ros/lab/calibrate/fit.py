@@ -102,7 +102,11 @@ def _huber(z: Floats) -> Floats:
     return np.where(z <= BEND**2, _squares(z), outside)
 
 
-LOSSES: dict[str, Callable[[Floats], Floats]] = {LINEAR: _squares, "soft_l1": _soft_l1, "huber": _huber}
+LOSSES: dict[str, Callable[[Floats], Floats]] = {
+    LINEAR: _squares,
+    "soft_l1": _soft_l1,
+    "huber": _huber,
+}
 
 
 class Unknown(NamedTuple):
@@ -131,7 +135,9 @@ class Unknown(NamedTuple):
         return min(max(value, self.least), self.most)
 
 
-def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, source: str) -> tuple[Unknown, ...]:
+def unknowns_of(
+    free: Free, names: Sequence[str], parameters: NodeSection, source: str
+) -> tuple[Unknown, ...]:
     """Return the free parameters in the order of their names, each with the given range or else its own.
 
     Args:
@@ -171,18 +177,24 @@ def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unkno
         low = high = math.nan
     if not least <= low < high <= most:
         given = ":".join(map(str, ends)) if isinstance(ends, Sequence) else repr(ends)
-        raise UsageError(f"--free {name}: range {given} is not allowed; two increasing numbers within {least:g} to "
-                         f"{most:g}, as {least:g}:{most:g}")  # fmt: skip
+        raise UsageError(
+            f"--free {name}: range {given} is not allowed; two increasing numbers within {least:g} to "
+            f"{most:g}, as {least:g}:{most:g}"
+        )
     if not low <= start <= high:
-        raise UsageError(f"--free {name}: it starts from {start:g}, outside of {low:g} to {high:g}; give another value "
-                         "or range")  # fmt: skip
+        raise UsageError(
+            f"--free {name}: it starts from {start:g}, outside of {low:g} to {high:g}; give another value "
+            "or range"
+        )
     excluded = words.split("; ")  # ends of the range that are not allowed themselves
     logarithmic = low > 0.0 or (low == 0.0 and f"> {least:g}" in excluded)
     if low == least and f"> {least:g}" in excluded:
         low = float(np.nextafter(low, high))
     if high == most and f"< {most:g}" in excluded:
         high = float(np.nextafter(high, low))
-    scale = 0.0 if logarithmic else abs(start) or abs(float(declared.default)) or 0.1 * (high - low)
+    scale = (
+        0.0 if logarithmic else abs(start) or abs(float(declared.default)) or 0.1 * (high - low)
+    )
     return Unknown(name, start, low, high, declared.unit, scale)
 
 
@@ -231,7 +243,10 @@ class Problem:
     def misfits(self, values: Values) -> dict[str, Floats]:
         """Compute answers minus measurements in their units, by column, where something was measured."""
         answers = self.answers(values)
-        return {name: (answers[name] - column)[np.isfinite(column)] for name, column in self.measured.answers.items()}
+        return {
+            name: (answers[name] - column)[np.isfinite(column)]
+            for name, column in self.measured.answers.items()
+        }
 
 
 def correlations(misfit: Floats) -> Floats:
@@ -276,21 +291,29 @@ class Fit:
             known = column[np.isfinite(column)]
             spread, largest = float(np.std(known)), float(np.abs(known).max())
             # equal values differ by rounding, not by noise
-            noise[name] = given.get(name) or (spread if spread > SMALL * largest else largest or 1.0)
+            noise[name] = given.get(name) or (
+                spread if spread > SMALL * largest else largest or 1.0
+            )
         start = np.array([unknown.coordinate(unknown.start) for unknown in problem.unknowns])
         return cls(problem, loss, frozenset(given), noise, start, np.full(len(start), STEP))
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper ends of the coordinates, shape (p,) each."""
-        ends = [(each.coordinate(each.least), each.coordinate(each.most)) for each in self.problem.unknowns]
+        ends = [
+            (each.coordinate(each.least), each.coordinate(each.most))
+            for each in self.problem.unknowns
+        ]
         low, high = np.array(ends).T
         return low, high
 
     def values(self, place: Floats | None = None) -> Values:
         """Return the values of the parameters at a place, or at that of the fit, by name."""
         coordinates = (self.place if place is None else place).tolist()
-        return {each.name: each.value(at) for each, at in zip(self.problem.unknowns, coordinates, strict=True)}
+        return {
+            each.name: each.value(at)
+            for each, at in zip(self.problem.unknowns, coordinates, strict=True)
+        }
 
     def residuals(self, place: Floats) -> Floats:
         """Compute all misfits in units of the noise, column by column; `FAR` if the parameters are not allowed."""
@@ -305,13 +328,17 @@ class Fit:
         columns = []
         for index in range(len(place)) if which is None else which:
             ends = np.tile(place, (2, 1))
-            ends[:, index] = np.clip(place[index] + self.steps[index] * np.array([-1.0, 1.0]), low[index], high[index])
+            ends[:, index] = np.clip(
+                place[index] + self.steps[index] * np.array([-1.0, 1.0]), low[index], high[index]
+            )
             residuals = [self.residuals(end) for end in ends]
             for side in (0, 1):
                 if abs(residuals[side][0]) >= FAR:  # there is no model
                     ends[side], residuals[side] = place, self.residuals(place)
             width = ends[1, index] - ends[0, index]
-            columns.append((residuals[1] - residuals[0]) / width if width else np.zeros_like(residuals[0]))
+            columns.append(
+                (residuals[1] - residuals[0]) / width if width else np.zeros_like(residuals[0])
+            )
         return np.stack(columns, axis=1)
 
     def cost(self, place: Floats) -> float:
@@ -333,7 +360,9 @@ class Fit:
         """Factor from the rise of twice the cost to a likelihood ratio."""
         number = self.problem.measured.number
         if self.loss == LINEAR:
-            return self.independent if self.knows_noise else self.freedom / (number - len(self.place))
+            return (
+                self.independent if self.knows_noise else self.freedom / (number - len(self.place))
+            )
         residuals = self.residuals(self.place)
         _, first, second = LOSSES[self.loss](residuals**2)
         slopes, sizes = first + 2.0 * residuals**2 * second, (residuals * first) ** 2
@@ -352,7 +381,9 @@ class Fit:
         """
         _, singular, directions = np.linalg.svd(self.slopes, full_matrices=False)
         information = np.maximum(singular, SMALL * singular[0]) ** 2
-        return np.asarray(directions.T / information @ directions / self.calibration, dtype=np.float64)
+        return np.asarray(
+            directions.T / information @ directions / self.calibration, dtype=np.float64
+        )
 
     @property
     def correlation(self) -> Floats:
@@ -375,7 +406,12 @@ class Fit:
         return 2.0 * self.calibration * (self.cost(place) - self.least_cost)
 
     def searched(
-        self, start: Floats, held: Sequence[int] = (), *, precision: float = PRECISION, tries: int = MOST_TRIES
+        self,
+        start: Floats,
+        held: Sequence[int] = (),
+        *,
+        precision: float = PRECISION,
+        tries: int = MOST_TRIES,
     ) -> Floats:
         """Search for the place of least cost from a start; the coordinates with indices `held` stay fixed."""
         moving = [index for index in range(len(start)) if index not in held]
@@ -390,11 +426,17 @@ class Fit:
             return place
 
         result = least_squares(
-            lambda part: self.residuals(whole(part)), np.clip(start[moving], low + inside, high - inside),
-            jac=lambda part: self.jacobian(whole(part), moving), bounds=(low, high), x_scale="jac",
+            lambda part: self.residuals(whole(part)),
+            np.clip(start[moving], low + inside, high - inside),
+            jac=lambda part: self.jacobian(whole(part), moving),
+            bounds=(low, high),
+            x_scale="jac",
             loss=LINEAR if self.loss == LINEAR else LOSSES[self.loss],
-            ftol=precision, xtol=precision, gtol=precision, max_nfev=tries,
-        )  # fmt: skip
+            ftol=precision,
+            xtol=precision,
+            gtol=precision,
+            max_nfev=tries,
+        )
         return whole(result.x)
 
     def settled(self) -> Fit:
@@ -427,7 +469,11 @@ def scaled(misfits: Mapping[str, Floats], noise: Mapping[str, float]) -> Floats:
 
 
 def fitted(
-    problem: Problem, loss: str, given: Mapping[str, float], starts: int, advance: Callable[[int, int], None]
+    problem: Problem,
+    loss: str,
+    given: Mapping[str, float],
+    starts: int,
+    advance: Callable[[int, int], None],
 ) -> Fit:
     """Find the best fit.
 
@@ -444,13 +490,17 @@ def fitted(
     first = Fit.begun(problem, loss, given)
     for unknown, slope in zip(problem.unknowns, np.abs(first.slopes).max(axis=0), strict=True):
         if slope < NO_EFFECT:
-            raise UsageError(f"--free {unknown.name}: around {unknown.start:g} it changes no measured value "
-            f"({', '.join(first.noise)}); leave it fixed, or measure something that it changes")  # fmt: skip
+            raise UsageError(
+                f"--free {unknown.name}: around {unknown.start:g} it changes no measured value "
+                f"({', '.join(first.noise)}); leave it fixed, or measure something that it changes"
+            )
     places = [first.place]
     if starts > 1:
         low, high = first.bounds
         least, most = np.maximum(first.place - REACH, low), np.minimum(first.place + REACH, high)
-        drawn = qmc.LatinHypercube(len(low), seed=SEED).random(max(SCREENED * len(low), starts - 1))
+        drawn = qmc.LatinHypercube(len(low), seed=SEED).random(
+            max(SCREENED * len(low), starts - 1)
+        )
         places += sorted(least + drawn * (most - least), key=first.cost)[: starts - 1]
     ends = []
     for done, start in enumerate(places, start=1):
@@ -480,10 +530,16 @@ class Interval(NamedTuple):
     def is_narrow(self) -> bool:
         """Whether the data determine the value."""
         small, large = sorted((abs(self.low), abs(self.high)))
-        return self.low * self.high > 0.0 and large < WIDE * small and not (self.low_open or self.high_open)
+        return (
+            self.low * self.high > 0.0
+            and large < WIDE * small
+            and not (self.low_open or self.high_open)
+        )
 
 
-def intervals(fit: Fit, level: float, advance: Callable[[int, int], None]) -> tuple[list[Interval], Floats | None]:
+def intervals(
+    fit: Fit, level: float, advance: Callable[[int, int], None]
+) -> tuple[list[Interval], Floats | None]:
     """Compute the interval of each parameter.
 
     Args:
@@ -497,13 +553,17 @@ def intervals(fit: Fit, level: float, advance: Callable[[int, int], None]) -> tu
     found, better = [], list[Floats]()
     for index, unknown in enumerate(fit.problem.unknowns):
         limit = math.sqrt(fit.quantile(level))
-        (low, low_open), (high, high_open) = (_end(fit, index, side, limit, better) for side in (-1.0, 1.0))
+        (low, low_open), (high, high_open) = (
+            _end(fit, index, side, limit, better) for side in (-1.0, 1.0)
+        )
         found.append(Interval(unknown.value(low), unknown.value(high), low_open, high_open))
         advance(len(found), len(fit.place))
     return found, min(better, key=fit.cost, default=None)
 
 
-def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) -> tuple[float, bool]:
+def _end(
+    fit: Fit, index: int, side: float, limit: float, better: list[Floats]
+) -> tuple[float, bool]:
     """Find the coordinate of an end of an interval, and whether it is open.
 
     `side` is -1 for the lower end and 1 for the upper one; `limit` is the root of the likelihood ratio there. Places
@@ -513,7 +573,9 @@ def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) 
     at, variance = float(best[index]), float(spread[index, index])
     usable = 0.0 < variance < math.inf
     deviation = math.sqrt(variance) if usable else 0.1
-    slopes = spread[:, index] / variance if usable else np.eye(len(spread))[index]  # along the valley of the cost
+    slopes = (
+        spread[:, index] / variance if usable else np.eye(len(spread))[index]
+    )  # along the valley of the cost
     solved = {0.0: best}
 
     @cache
@@ -543,18 +605,24 @@ def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) 
 def doubts(fit: Fit, bounds: Sequence[Interval], level: float) -> Iterator[str]:
     """Return all doubts about a fit, and about its intervals of a level if computed, a sentence each."""
     yield from _trades(fit, bounds)
-    for unknown, place, least, most in zip(fit.problem.unknowns, fit.place, *fit.bounds, strict=True):
+    for unknown, place, least, most in zip(
+        fit.problem.unknowns, fit.place, *fit.bounds, strict=True
+    ):
         if min(place - least, most - place) < AT_END:
             end = unknown.least if place - least < most - place else unknown.most
             yield f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the best value may lie beyond it"
     for unknown, interval in zip(fit.problem.unknowns, bounds, strict=False):
-        if sides := [side for side, is_open in zip(("below", "above"), interval[2:], strict=True) if is_open]:
+        if sides := [
+            side for side, is_open in zip(("below", "above"), interval[2:], strict=True) if is_open
+        ]:
             yield f"{unknown.name} is not bounded by the data {' or '.join(sides)}"
     distance = np.maximum(np.sqrt(np.diag(fit.covariance)), AT_END)
     for other in fit.ends:
         if (np.abs(other - fit.place) > distance).any():
             there = fit.searched(other)  # else it may lie in the same valley
-            if (np.abs(there - fit.place) > distance).any() and fit.ratio(there) < fit.quantile(level):
+            if (np.abs(there - fit.place) > distance).any() and fit.ratio(there) < fit.quantile(
+                level
+            ):
                 values = [f"{name} {value:.6g}" for name, value in fit.values(there).items()]
                 yield f"another fit is as good within the level: {', '.join(values)}"
                 break
@@ -573,9 +641,11 @@ def _left(fit: Fit) -> Iterator[str]:
             elif chi2.cdf(total, number) < UNLIKELY:
                 yield f"{left}; the intervals are too wide"
         if (worth := samples_per_value(misfit)) > 1.0:
-            yield (f"{name}: the residuals are correlated from sample to sample (by {correlations(misfit)[1]:.2f}): "
-                   f"{len(misfit)} samples count as {round(len(misfit) / worth)}, and the intervals are wider for it; "
-                   "they do not include the error of the model itself")  # fmt: skip
+            yield (
+                f"{name}: the residuals are correlated from sample to sample (by {correlations(misfit)[1]:.2f}): "
+                f"{len(misfit)} samples count as {round(len(misfit) / worth)}, and the intervals are wider for it; "
+                "they do not include the error of the model itself"
+            )
 
 
 def _trades(fit: Fit, bounds: Sequence[Interval]) -> Iterator[str]:
@@ -599,6 +669,7 @@ def _trades(fit: Fit, bounds: Sequence[Interval]) -> Iterator[str]:
         names = " and ".join(unknowns[index].name for index in group)
         known = bool(bounds) and all(bounds[index].is_narrow for index in group)
         yield f"{names} trade off: {' with '.join(changes)} gives nearly the same answers; " + (
-            "take them from one fit, never one of them alone" if known
+            "take them from one fit, never one of them alone"
+            if known
             else "these data cannot tell them apart: hold one of them, or measure over a wider range"
-        )  # fmt: skip
+        )

@@ -30,16 +30,32 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import UNUSABLE, Floats, Status
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.build import build_model, contact_pair, retuned
-from knee_contact_ros.parameters.files import curve_texts, flat_parameters, known_parameters, load_parameters
+from knee_contact_ros.parameters.files import (
+    curve_texts,
+    flat_parameters,
+    known_parameters,
+    load_parameters,
+)
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.contact_stream import load_sample
 from knee_contact_ros.streams.load_stream import Sensed
 from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    LOAD_ESTIMATE,
+    MESSAGE_TYPES,
+    NANOSECONDS,
+)
 from knee_contact_ros.system.errors import UsageError, in_a_line, meant
 
-TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
+TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = (
+    "time",
+    "flexion_angle",
+    "load",
+    "axial_load",
+    "femoral_height",
+)
 ANSWERS: dict[str, str] = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
 """Columns to which the model is fitted, with their units; the height only where it is not prescribed"""
 INPUTS = {TIME: "s", ANGLE: "rad", LOAD: "N", AXIAL_LOAD: "N"}
@@ -82,7 +98,9 @@ def read_measured(path: Path, drive: str) -> Measured:
         UsageError: the file cannot be read or is not such a table, or values make no sense.
     """
     header = header_of(path, COLUMNS, TableFormat())
-    numbers, said, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
+    numbers, said, _ = read_numbers(
+        header, [header.place(name) for name in header.names], TableFormat()
+    )
     measured = measured_from(dict(zip(header.names, numbers.T, strict=True)), drive, str(path))
     for place, name in enumerate(header.names):
         unit = (INPUTS | ANSWERS)[name]
@@ -91,7 +109,9 @@ def read_measured(path: Path, drive: str) -> Measured:
     return replace(measured, digest=digest(path))
 
 
-def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:
+def measured_from(
+    table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table"
+) -> Measured:
     """Make a trial from columns by name: a mapping of arrays of shape (n,), or a data frame; see `read_measured`.
 
     Args:
@@ -105,33 +125,47 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
     columns = {str(name): _column(table, name, source) for name in table}
     loads = [name for name in (LOAD, AXIAL_LOAD) if name in columns]
     if len(loads) == 2:
-        raise UsageError(f"{source}: columns load and axial_load are both there; give the one that was measured")
+        raise UsageError(
+            f"{source}: columns load and axial_load are both there; give the one that was measured"
+        )
     inputs = [TIME, ANGLE, *([HEIGHT] if drive == "displacement" else []), *loads]
     inputs += [LOAD] if drive != "displacement" and not loads else []
     for name in inputs:
         if name not in columns:
-            raise UsageError(f"{source}: it has no column {name}, which drive {drive} needs; it has "
-                             f"{', '.join(columns) or 'none'}")  # fmt: skip
+            raise UsageError(
+                f"{source}: it has no column {name}, which drive {drive} needs; it has "
+                f"{', '.join(columns) or 'none'}"
+            )
     measurable = [name for name in ANSWERS if name not in inputs]
     answers = {name: columns[name] for name in measurable if name in columns}
     if not answers:
-        raise UsageError(f"{source}: nothing is measured in it; one or more of the columns {', '.join(measurable)} "
-                         "are needed")  # fmt: skip
+        raise UsageError(
+            f"{source}: nothing is measured in it; one or more of the columns {', '.join(measurable)} "
+            "are needed"
+        )
     if len({len(column) for column in columns.values()}) > 1 or not len(columns[TIME]):
         raise UsageError(f"{source}: its columns must be equally long, with one sample or more")
     for name in (*inputs, *answers):
         column = columns[name]
         wrong = ~np.isfinite(column) if name in inputs else np.isinf(column)
         if wrong.any():
-            what = "an input must be known at every sample" if name in inputs else "allowed are numbers and empty cells"
+            what = (
+                "an input must be known at every sample"
+                if name in inputs
+                else "allowed are numbers and empty cells"
+            )
             where = f"column {name} is {column[wrong][0]:g} in row {int(wrong.argmax()) + 1}"
             raise UsageError(f"{source}: {where}; {what}")
         if np.isnan(column).all():
-            raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
+            raise UsageError(
+                f"{source}: column {name} is empty; leave it out, or give what was measured"
+            )
     time = columns[TIME]
     if (back := np.diff(np.rint(time * 1e9)) <= 0.0).any():
         row = int(back.argmax()) + 2
-        raise UsageError(f"{source}: column {TIME} must increase, by a nanosecond or more; row {row} does not")
+        raise UsageError(
+            f"{source}: column {TIME} must increase, by a nanosecond or more; row {row} does not"
+        )
     load = columns[loads[0]] if loads else np.zeros(len(time))
     height = columns[HEIGHT] if HEIGHT in inputs else None
     return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height)
@@ -140,7 +174,9 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
 def _column(table: Any, name: Any, source: str) -> Floats:
     """Copy a column as numbers."""
     if str(name) not in COLUMNS:
-        raise UsageError(f"{source}: column {name or repr(name)} is not known; {meant(str(name), COLUMNS)}")
+        raise UsageError(
+            f"{source}: column {name or repr(name)} is not known; {meant(str(name), COLUMNS)}"
+        )
     try:
         column = np.array(table[name], dtype=np.float64)
     except (TypeError, ValueError):
@@ -153,7 +189,14 @@ def _column(table: Any, name: Any, source: str) -> Floats:
 def fittable() -> list[str]:
     """Names of the parameters that may be free; the fit refuses one that does not affect the model."""
     known = known_parameters()
-    return [SHARE, *(name for name in known if name.startswith(SECTIONS) and isinstance(known[name].default, float))]
+    return [
+        SHARE,
+        *(
+            name
+            for name in known
+            if name.startswith(SECTIONS) and isinstance(known[name].default, float)
+        ),
+    ]
 
 
 @dataclass(frozen=True)
@@ -176,10 +219,14 @@ class ContactProblem(Problem):
         changed = self.parameters
         for name, value in values.items():
             section, own = name.split(".")
-            changed = changed.model_copy(update={section: getattr(changed, section).model_copy(update={own: value})})
+            changed = changed.model_copy(
+                update={section: getattr(changed, section).model_copy(update={own: value})}
+            )
         femur, tibia = changed.femur, changed.tibia
         if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
-            raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
+            raise UsageError(
+                f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}"
+            )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # `predicted` has warned of implausible inputs
             return self._run(changed)
@@ -187,11 +234,16 @@ class ContactProblem(Problem):
     def _run(self, parameters: Parameters) -> Results:
         """Run a model with other parameters; its surfaces are made again only if they change."""
         trial, begun = self.measured, self.parameters
-        same_surfaces = (parameters.femur.radius, parameters.tibia) == (begun.femur.radius, begun.tibia)
+        same_surfaces = (parameters.femur.radius, parameters.tibia) == (
+            begun.femur.radius,
+            begun.tibia,
+        )
         try:
             pair = self.model.pair if same_surfaces else contact_pair(parameters, self.texts)
             model = retuned(replace(self.model, pair=pair), parameters)
-            results = model.run(trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height)
+            results = model.run(
+                trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height
+            )
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
         return results.view(Results)
@@ -207,13 +259,27 @@ class ContactProblem(Problem):
     ) -> tuple[list[str], dict[str, Any], list[str]]:
         """Report answers with a status that makes them unusable."""
         status = self.predicted(values)["status"]
-        faults = {Status.NOT_CONVERGED: "missed their tolerance", Status.IMPLAUSIBLE: "are implausibly deep"}
+        faults = {
+            Status.NOT_CONVERGED: "missed their tolerance",
+            Status.IMPLAUSIBLE: "are implausibly deep",
+        }
         counts = {fault: int(np.count_nonzero(status & bit)) for bit, fault in faults.items()}
-        return [], {}, [f"{count} of {len(status)} answers {fault}" for fault, count in counts.items() if count]
+        return (
+            [],
+            {},
+            [
+                f"{count} of {len(status)} answers {fault}"
+                for fault, count in counts.items()
+                if count
+            ],
+        )
 
 
 def problem_of(
-    parameters: Parameters, measured: Measured, unknowns: tuple[Unknown, ...], compiled: bool | None
+    parameters: Parameters,
+    measured: Measured,
+    unknowns: tuple[Unknown, ...],
+    compiled: bool | None,
 ) -> ContactProblem:
     """Make the problem of fitting a compartment's contact model, with a tolerance of `FINE` or less.
 
@@ -227,8 +293,10 @@ def problem_of(
         UsageError: the load is the axial one but the share is not fixed, or inputs are too large for a knee.
     """
     if measured.axial and parameters.load.rule != "fixed_share":
-        raise UsageError(f"{measured.source}: column axial_load needs load.compartment fixed_share, not "
-                         f"{parameters.load.rule}; give the compartment's own load as column load")  # fmt: skip
+        raise UsageError(
+            f"{measured.source}: column axial_load needs load.compartment fixed_share, not "
+            f"{parameters.load.rule}; give the compartment's own load as column load"
+        )
     tolerance = min(parameters.fidelity.tolerance, FINE)
     fidelity = parameters.fidelity.model_copy(update={"tolerance": tolerance, "budget": 0})
     exact = parameters.model_copy(update={"fidelity": fidelity})
@@ -275,7 +343,10 @@ class Referenced(Data):
 
 
 def referenced(
-    bags: Sequence[Path], parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
+    bags: Sequence[Path],
+    parameters: LoadParameters,
+    names: Names,
+    advance: Callable[[int, int], None],
 ) -> Referenced:
     """Read bags of a person; leave out samples that are flagged or have no reference at their stamps.
 
@@ -295,14 +366,26 @@ def referenced(
     for place, own in enumerate(digests):
         if (first := digests.index(own)) < place:
             fault = f"bags {bags[first]} and {bags[place]} are the same"
-            raise UsageError(f"{fault}: each bag is left out in turn, so each must be a different one")
+            raise UsageError(
+                f"{fault}: each bag is left out in turn, so each must be a different one"
+            )
     topic, left_out = names.get(OWN_NAME, OWN_NAME), Counter[str]()
-    samples, columns, counts, doubts = list[Sensed](), list[Floats](), list[tuple[str, int]](), list[str]()
+    samples, columns, counts, doubts = (
+        list[Sensed](),
+        list[Floats](),
+        list[tuple[str, int]](),
+        list[str](),
+    )
     max_gap = round(parameters.pairing.max_gap * NANOSECONDS)
     for bag in bags:
         begin = len(samples)
         summary = estimate_load(
-            bag, parameters, None, advance, names=names, keep=lambda stream: samples.append(stream.sensed)
+            bag,
+            parameters,
+            None,
+            advance,
+            names=names,
+            keep=lambda stream: samples.append(stream.sensed),
         )
         stamps, axial, refused = _reference(bag, topic)
         at = summary.stamps
@@ -311,20 +394,31 @@ def referenced(
         column = np.interp(at - stamps[0], stamps - stamps[0], axial, left=np.nan, right=np.nan)
         column[~(later & ((gaps <= max_gap) | np.isin(at, stamps)))] = np.nan
         flagged = np.array([bool(sample.status & UNUSABLE) for sample in samples[begin:]])
-        reasons = {"flagged": int(flagged.sum()), "without a reference": int((np.isnan(column) & ~flagged).sum())}
-        reasons |= {f"refused as {reason}": count for reason, count in (summary.refused + refused).items()}
+        reasons = {
+            "flagged": int(flagged.sum()),
+            "without a reference": int((np.isnan(column) & ~flagged).sum()),
+        }
+        reasons |= {
+            f"refused as {reason}": count for reason, count in (summary.refused + refused).items()
+        }
         column[flagged] = np.nan
         if np.isnan(column).all():
-            raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(reasons)})")
+            raise UsageError(
+                f"bag {bag}: no sample can be fitted to the reference ({_counted(reasons)})"
+            )
         left_out.update(reasons)
         doubts += [*_own_estimate(bag, topic), *others_beside(bag)]
         if summary.damage:
-            doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
+            doubts.append(
+                f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"
+            )
         columns.append(column)
         counts.append((bag.name, len(column)))
     source = f"bag {', '.join(map(str, bags))}"
     answers = {AXIAL_FORCE: np.concatenate(columns)}
-    return Referenced(source, ", ".join(digests), answers, tuple(samples), left_out, tuple(doubts), tuple(counts))
+    return Referenced(
+        source, ", ".join(digests), answers, tuple(samples), left_out, tuple(doubts), tuple(counts)
+    )
 
 
 def _reference(bag: Path, topic: str) -> tuple[NDArray[np.int64], Floats, Counter[str]]:
@@ -332,7 +426,9 @@ def _reference(bag: Path, topic: str) -> tuple[NDArray[np.int64], Floats, Counte
     try:
         reader = BagReader(bag, {ROLE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, {ROLE: topic})
     except UsageError as error:
-        raise UsageError(f"{error}; --remap {JOINT_REACTION_FORCE}:=TOPIC names a measured joint reaction") from None
+        raise UsageError(
+            f"{error}; --remap {JOINT_REACTION_FORCE}:=TOPIC names a measured joint reaction"
+        ) from None
     refused, kept = Counter[str](), dict[int, float]()
     with reader:
         for message in reader.raw_messages():
@@ -346,7 +442,9 @@ def _reference(bag: Path, topic: str) -> tuple[NDArray[np.int64], Floats, Counte
             else:
                 kept[sample.stamp] = sample.axial
     if not kept:
-        raise UsageError(f"bag {bag}: no message on {topic} can be a reference ({_counted(refused)})")
+        raise UsageError(
+            f"bag {bag}: no message on {topic} can be a reference ({_counted(refused)})"
+        )
     return np.array(list(kept)), np.array(list(kept.values())), refused
 
 
@@ -357,11 +455,16 @@ def _own_estimate(bag: Path, topic: str) -> list[str]:
         BagReader(bag, {estimate: MESSAGE_TYPES[LOAD_ESTIMATE]}).close()
     except UsageError:
         return []
-    return [f"the bag also has {estimate}: its {topic} is likely an estimate of the load node, and was not measured"]
+    return [
+        f"the bag also has {estimate}: its {topic} is likely an estimate of the load node, and was not measured"
+    ]
 
 
 def _counted(reasons: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count) or "nothing is refused"
+    return (
+        ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count)
+        or "nothing is refused"
+    )
 
 
 @dataclass(frozen=True)
@@ -383,14 +486,22 @@ class LoadProblem(Problem):
     def answers(self, values: Values) -> dict[str, Floats]:
         """Compute the estimate `axial_force` [N] at every sample, shape (n,), bit for bit as the estimator does."""
         person, level = self.person(values), self.parameters.chosen_level
-        estimator, nets = Estimator(level, person), self.nets or _net_moments(level, person, self.measured.samples)
-        axial = [estimator.react(each.stamp, each.joints, each.ground, net, each.status)[0].axial
-                 for each, net in zip(self.measured.samples, nets, strict=True)]  # fmt: skip
+        estimator, nets = (
+            Estimator(level, person),
+            self.nets or _net_moments(level, person, self.measured.samples),
+        )
+        axial = [
+            estimator.react(each.stamp, each.joints, each.ground, net, each.status)[0].axial
+            for each, net in zip(self.measured.samples, nets, strict=True)
+        ]
         return {AXIAL_FORCE: np.array(axial)}
 
     def predicted(self, values: Values) -> dict[str, Floats]:
         """Return the answers, with the samples' stamps as `time` [s]."""
-        return {"time": np.array([each.stamp / NANOSECONDS for each in self.measured.samples]), **self.answers(values)}
+        return {
+            "time": np.array([each.stamp / NANOSECONDS for each in self.measured.samples]),
+            **self.answers(values),
+        }
 
     def conclusions(
         self, values: Values, refit: Callable[[Problem], Values]
@@ -402,32 +513,58 @@ class LoadProblem(Problem):
         """
         data, several = self.measured, len(self.measured.bags) > 1
         reference, answer = data.answers[AXIAL_FORCE], self.answers(values)[AXIAL_FORCE]
-        known, begun = np.isfinite(reference), {unknown.name: unknown.start for unknown in self.unknowns}
+        known, begun = (
+            np.isfinite(reference),
+            {unknown.name: unknown.start for unknown in self.unknowns},
+        )
         with np.errstate(invalid="ignore"):
             r = float(np.corrcoef(reference[known], answer[known])[0, 1])
         own, start = self.error(values, known), self.error(begun, known)
-        counts = [f"{count} {reason}" for reason, count in data.left_out.items() if count or "refused" not in reason]
+        counts = [
+            f"{count} {reason}"
+            for reason, count in data.left_out.items()
+            if count or "refused" not in reason
+        ]
         remarks = [
             f"that is {own:.3f} body weights{f', r {r:.3f}' if math.isfinite(r) else ''}, "
             f"level {self.parameters.chosen_level}",
             f"samples: {data.number} fitted; left out: {', '.join(counts)}",
         ]
         if several:
-            errors, number = [], np.repeat(np.arange(len(data.bags)), [count for _, count in data.bags])
+            errors, number = (
+                [],
+                np.repeat(np.arange(len(data.bags)), [count for _, count in data.bags]),
+            )
             for place, (bag, _) in enumerate(data.bags):
                 within = known & (number == place)
                 others = replace(data, answers={AXIAL_FORCE: np.where(within, np.nan, reference)})
-                errors.append((self.error(refit(replace(self, measured=others)), within), self.error(begun, within)))
+                errors.append(
+                    (
+                        self.error(refit(replace(self, measured=others)), within),
+                        self.error(begun, within),
+                    )
+                )
                 own, start = errors[-1]
-                remarks.append(f"bag {bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with "
-                               "those of the start")  # fmt: skip
+                remarks.append(
+                    f"bag {bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with "
+                    "those of the start"
+                )
             own, start = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
-            remarks.append(f"calibrating takes the error from {start:.3f} to {own:.3f} body weights in a bag that it "
-                           "has not seen")  # fmt: skip
+            remarks.append(
+                f"calibrating takes the error from {start:.3f} to {own:.3f} body weights in a bag that it "
+                "has not seen"
+            )
         if not start - own >= LEAST_GAIN:
             unseen = " in a bag that it has not seen" if several else ""
             doubt = f"calibrating gains nothing: the error is {own:.3f} body weights{unseen}, and {start:.3f} with the"
-            return remarks, {}, [*data.doubts, f"{doubt} constants of the start; so the file does not say calibrated"]
+            return (
+                remarks,
+                {},
+                [
+                    *data.doubts,
+                    f"{doubt} constants of the start; so the file does not say calibrated",
+                ],
+            )
         deviation = min(max(own, LEAST_DEVIATION), LARGEST_DEVIATION)
         remarks += [] if several else [OTHER_TRIALS]
         return remarks, {"calibrated": True, "standard_deviation": deviation}, list(data.doubts)
@@ -438,7 +575,9 @@ class LoadProblem(Problem):
         return float(np.sqrt(np.mean(error[within] ** 2))) / self.person(values).weight
 
 
-def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: tuple[Unknown, ...]) -> LoadProblem:
+def load_problem_of(
+    parameters: LoadParameters, measured: Referenced, unknowns: tuple[Unknown, ...]
+) -> LoadProblem:
     """Make the problem, and compute once whatever does not depend on free parameters."""
     moves, level = any(unknown.name in BODY for unknown in unknowns), parameters.chosen_level
     nets = () if moves else _net_moments(level, parameters.person.constants, measured.samples)
@@ -448,4 +587,6 @@ def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: 
 def _net_moments(level: str, person: Person, samples: Sequence[Sensed]) -> tuple[NetMoments, ...]:
     """Compute the net moments at knee and ankle of a person at every sample."""
     leg = leg_of(person.mass, person.height)
-    return tuple(LEVELS[level].dynamics(leg, each.joints, each.motion, each.ground) for each in samples)
+    return tuple(
+        LEVELS[level].dynamics(leg, each.joints, each.motion, each.ground) for each in samples
+    )

@@ -15,7 +15,14 @@ from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
 from knee_contact_ros.lab.opensim import results, run
-from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Pose, Reaction, Settings, coordinate_of
+from knee_contact_ros.lab.opensim.results import (
+    LEFT,
+    RIGHT,
+    Pose,
+    Reaction,
+    Settings,
+    coordinate_of,
+)
 from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.lab.tables import Table as StorageTable
 from knee_contact_ros.system.errors import UsageError
@@ -40,9 +47,18 @@ class Files(NamedTuple):
 
 
 def import_opensim(
-    side: str, output: Path, overwrite: bool, setup: Sequence[Path], steps: str, work: Path | None, ground: str | None,
-    rate: float, angle_sign: str, anyway: bool, **rest: Any,
-) -> None:  # fmt: skip
+    side: str,
+    output: Path,
+    overwrite: bool,
+    setup: Sequence[Path],
+    steps: str,
+    work: Path | None,
+    ground: str | None,
+    rate: float,
+    angle_sign: str,
+    anyway: bool,
+    **rest: Any,
+) -> None:
     """Import results of OpenSim, or run OpenSim first; arguments are the options of the command, by name.
 
     With --setup, OpenSim's tools run in a copy of the set-up files' folder. With `both`, each side becomes a bag.
@@ -54,9 +70,14 @@ def import_opensim(
     own = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
     sign = None if angle_sign == "auto" else int(angle_sign)
     settings = Settings(**rest, angle_sign=sign, rate=rate or None, anyway=anyway)
-    chosen, given = tuple(filter(None, steps.split(","))), [f"--{name}" for name, path in own.items() if path]
+    chosen, given = (
+        tuple(filter(None, steps.split(","))),
+        [f"--{name}" for name, path in own.items() if path],
+    )
     if setup and given:
-        raise UsageError(f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own")
+        raise UsageError(
+            f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own"
+        )
     if ground and not setup and not own["model"]:
         raise UsageError("--ground needs --model M.osim, to find the ankle")
     if ground == "" and not setup:
@@ -65,7 +86,9 @@ def import_opensim(
         raise UsageError("--steps and --work need --setup")
     for name in ("kinematics", "reactions"):
         if not setup and not own[name]:
-            raise UsageError(f"--{name} FILE is missing; or give --setup FOLDER, and OpenSim is run")
+            raise UsageError(
+                f"--{name} FILE is missing; or give --setup FOLDER, and OpenSim is run"
+            )
     if ground:
         require("opensim", "opensim")
         own |= {"ground": Path(ground), "ground_data": run.data_file(Path(ground))}
@@ -74,7 +97,9 @@ def import_opensim(
         if setup:
             folder = (work or temporary / "opensim").resolve()
             own, more, lines = run_tools(setup, chosen, folder, ground)
-        gaits = {bag: read_knee(name, Files(**own), settings, temporary) for name, bag in bags.items()}
+        gaits = {
+            bag: read_knee(name, Files(**own), settings, temporary) for name, bag in bags.items()
+        }
         used = {name: path for name, path in own.items() if path}
         more = {"settings": json.dumps(settings._asdict())} | more
         gait_bag.store(gaits, "OpenSim results", used, more, temporary)
@@ -104,15 +129,24 @@ def run_tools(
         quality = run.verdict(run.assess(done))
     except UsageError as error:  # hours of computing are not given up for that
         quality = [f"Residuals and reserves could not be judged: {error}"]
-    results = {"kinematics": "Kinematics_q", "speeds": "Kinematics_u", "reactions": "JointReaction_ReactionLoads"}
+    results = {
+        "kinematics": "Kinematics_q",
+        "speeds": "Kinematics_u",
+        "reactions": "JointReaction_ReactionLoads",
+    }
     own: dict[str, Any] = {name: done.result(file) for name, file in results.items()}
     own["model"] = done.folder / done.muscles.text("model_file")
     if ground is not None:
         loads = Path(ground) if ground else done.folder / done.muscles.text(LOADS)
-        own |= {"ground": loads, "ground_data": run.data_file(loads, None if ground else done.folder)}
+        own |= {
+            "ground": loads,
+            "ground_data": run.data_file(loads, None if ground else done.folder),
+        }
     more = {
         "source": f"OpenSim {version('opensim')}",
-        "steps": "\n".join(f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in done.setups),
+        "steps": "\n".join(
+            f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in done.setups
+        ),
         "quality": "\n".join(quality),
     }
     took = ", ".join(f"{step} {seconds:.1f} s" for step, seconds in done.seconds.items())
@@ -127,8 +161,14 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
     """
     both = side == "both"
     if both and (settings.joint or settings.coordinate):
-        raise UsageError("--joint and --coordinate belong to one knee; give --side right or left with them")
-    bags = {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)} if both else {side: output}
+        raise UsageError(
+            "--joint and --coordinate belong to one knee; give --side right or left with them"
+        )
+    bags = (
+        {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)}
+        if both
+        else {side: output}
+    )
     for bag in bags.values():
         gait_bag.check_output(bag, overwrite)
     return bags
@@ -144,13 +184,21 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
     column = results.angle_column(kinematics, side, settings.coordinate)
     kinematics = kinematics.needed([column], start, end)
-    weight, bounds = results.read_model(files.model, coordinate_of(column)) if files.model else (None, None)
+    weight, bounds = (
+        results.read_model(files.model, coordinate_of(column)) if files.model else (None, None)
+    )
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, bounds)
     degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reactions(reactions, side, settings.joint)
-    reactions = reactions.needed([each.column(axis) for each in chosen for axis in results.AXES], start, end)
-    poses, reactions, doubts = _poses(chosen, reactions, kinematics, degrees, angle, files.model, work)
-    reaction, of_reaction = results.read_reaction(reactions, list(zip(chosen, poses, strict=True)), side)
+    reactions = reactions.needed(
+        [each.column(axis) for each in chosen for axis in results.AXES], start, end
+    )
+    poses, reactions, doubts = _poses(
+        chosen, reactions, kinematics, degrees, angle, files.model, work
+    )
+    reaction, of_reaction = results.read_reaction(
+        reactions, list(zip(chosen, poses, strict=True)), side
+    )
     notes += of_reaction
     columns = {
         "angle": f"{column} of {files.kinematics.name}",
@@ -160,12 +208,16 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
         names = legs.leg_joints(files.model, side, coordinate_of(column))
-        angles, wrenches["ground_force"], of_leg = legs.read_leg(ground, kinematics, degrees, files.model, names, work)
+        angles, wrenches["ground_force"], of_leg = legs.read_leg(
+            ground, kinematics, degrees, files.model, names, work
+        )
         joints |= {name: [each] for name, each in angles.items()}
         columns |= dict.fromkeys(angles, "by OpenSim")
         columns["ground_force"] = f"{ground.columns} of {files.ground_data.name}"
         notes += of_leg
-    window = gait_bag.common_window(angle.stamps, *(each.stamps for each in wrenches.values()), start=start, end=end)
+    window = gait_bag.common_window(
+        angle.stamps, *(each.stamps for each in wrenches.values()), start=start, end=end
+    )
     flexion, force = (each.around(window) for each in (angle, reaction))
     up = " + ".join(each.column("fy") for each in chosen)
     load = Series("load", files.reactions, up, force.stamps, -force.values[:, 1])
@@ -181,9 +233,14 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
 
 
 def _poses(
-    chosen: Sequence[Reaction], reactions: StorageTable, kinematics: StorageTable, degrees: bool,
-    angle: gait_bag.Signal, model: Path | None, work: Path,
-) -> tuple[list[Pose | None], StorageTable, list[str]]:  # fmt: skip
+    chosen: Sequence[Reaction],
+    reactions: StorageTable,
+    kinematics: StorageTable,
+    degrees: bool,
+    angle: gait_bag.Signal,
+    model: Path | None,
+    work: Path,
+) -> tuple[list[Pose | None], StorageTable, list[str]]:
     """Poses of the tibia in the frames of reactions, if these are not the tibia's; the rows with a pose, and doubts.
 
     Raises:
@@ -193,13 +250,26 @@ def _poses(
     if all(each.rank < 2 for each in chosen):
         return [None] * len(chosen), reactions, []
     if model and (find_spec("opensim") or first.rank != 2):
-        found = [legs.tibia_in(each, kinematics, degrees, model, reactions.stamps, work) for each in chosen]
-        return [pose for pose, _ in found], reactions.rows(np.isin(reactions.stamps, found[0][1])), []
+        found = [
+            legs.tibia_in(each, kinematics, degrees, model, reactions.stamps, work)
+            for each in chosen
+        ]
+        return (
+            [pose for pose, _ in found],
+            reactions.rows(np.isin(reactions.stamps, found[0][1])),
+            [],
+        )
     if first.rank != 2:
         raise results.needs_model(reactions, first)
-    inside = reactions.stamps[(reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])]
+    inside = reactions.stamps[
+        (reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])
+    ]
     doubt = (
         f"{reactions.path}: the reaction was turned from {first.frame} by the flexion angle alone, as of a hinge, and "
         "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
     )
-    return [results.hinge(angle, inside)], reactions.rows(np.isin(reactions.stamps, inside)), [doubt]
+    return (
+        [results.hinge(angle, inside)],
+        reactions.rows(np.isin(reactions.stamps, inside)),
+        [doubt],
+    )

@@ -27,7 +27,10 @@ def main(what: str, *files: str) -> int:
     if what != PLACES:
         return 0 if getattr(opensim, what)(*files).run() else 1
     request, answer = map(Path, files)
-    answer.write_text(json.dumps(places(opensim, json.loads(request.read_text(encoding="utf-8")))), encoding="utf-8")
+    answer.write_text(
+        json.dumps(places(opensim, json.loads(request.read_text(encoding="utf-8")))),
+        encoding="utf-8",
+    )
     return 0
 
 
@@ -37,10 +40,16 @@ def places(opensim: Any, request: dict[str, Any]) -> dict[str, Any]:
     state = model.initSystem()
     frames = [_frame(model, kind, name) for kind, name in request["frames"]]
     coordinates = [model.getCoordinateSet().get(name) for name in request["coordinates"]]
-    turning = [request["degrees"] and each.getMotionType() == opensim.Coordinate.Rotational for each in coordinates]
+    turning = [
+        request["degrees"] and each.getMotionType() == opensim.Coordinate.Rotational
+        for each in coordinates
+    ]
     unknown = [
         each.getName()
-        for each in (model.getCoordinateSet().get(place) for place in range(model.getCoordinateSet().getSize()))
+        for each in (
+            model.getCoordinateSet().get(place)
+            for place in range(model.getCoordinateSet().getSize())
+        )
         if each.getName() not in request["coordinates"] and _moves(model, state, each, *frames[:2])
     ]
     for coordinate in coordinates:
@@ -83,7 +92,10 @@ def _moves(model: Any, state: Any, coordinate: Any, frame: Any, other: Any) -> b
 def _numbers(transform: Any) -> list[float]:
     """Rotation by rows, and origin, of a transform."""
     rotation, origin = transform.R(), transform.p()
-    return [*(rotation.get(row, column) for row in range(3) for column in range(3)), *(origin.get(k) for k in range(3))]
+    return [
+        *(rotation.get(row, column) for row in range(3) for column in range(3)),
+        *(origin.get(k) for k in range(3)),
+    ]
 
 
 if __name__ == "__main__":

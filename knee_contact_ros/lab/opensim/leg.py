@@ -28,7 +28,14 @@ from knee_contact_ros.lab.opensim.results import (
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.run import NOTHING, XML, last_words, read_xml, run_python, text_in
+from knee_contact_ros.lab.opensim.run import (
+    NOTHING,
+    XML,
+    last_words,
+    read_xml,
+    run_python,
+    text_in,
+)
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, listed
@@ -68,7 +75,9 @@ class GroundFile(NamedTuple):
     @property
     def columns(self) -> str:
         """Text that names the columns."""
-        return ", ".join(" ".join(f"{name}(x y z)" for name in force if name) for force in self.forces)
+        return ", ".join(
+            " ".join(f"{name}(x y z)" for name in force if name) for force in self.forces
+        )
 
 
 class Frames(NamedTuple):
@@ -98,9 +107,15 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
     bodies: list[str] = []
     elsewhere: list[str] = []
     for element in read_xml(ground, "ExternalLoads").iter("ExternalForce"):
-        body, where = text_in(element, "applied_to_body"), f"{ground}: the force {element.get('name', '')!r}"
+        body, where = (
+            text_in(element, "applied_to_body"),
+            f"{ground}: the force {element.get('name', '')!r}",
+        )
         bodies.append(body)
-        off = text_in(element, "isDisabled").lower() == "true" or text_in(element, "appliesForce").lower() == "false"
+        off = (
+            text_in(element, "isDisabled").lower() == "true"
+            or text_in(element, "appliesForce").lower() == "false"
+        )
         if off or not body:
             continue
         if not is_foot(body, side):
@@ -109,21 +124,29 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
         for tag in ("force_expressed_in_body", "point_expressed_in_body"):
             if text_in(element, tag) not in GROUND:
                 raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, but must be ground")
-        force = FootForce(*(_stem(text_in(element, f"{what}_identifier"), table) for what in FootForce._fields))
+        force = FootForce(
+            *(_stem(text_in(element, f"{what}_identifier"), table) for what in FootForce._fields)
+        )
         if not force.force or not force.point:
             raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
         forces.append(_complete(force, table))
     if not forces:
         named = listed(list(dict.fromkeys(filter(None, bodies))))
-        raise UsageError(f"{ground} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
+        raise UsageError(
+            f"{ground} applies no force to the {side} foot; its forces act on {named or 'nothing'}"
+        )
     notes = tuple(f"ground: what acts on {body} is left out" for body in dict.fromkeys(elsewhere))
     return GroundFile(table, tuple(forces), notes)
 
 
 def _complete(force: FootForce, table: Table) -> FootForce:
-    missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
+    missing = [
+        name + axis for name in force if name for axis in "xyz" if name + axis not in table.names
+    ]
     if missing:
-        raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {listed(table.names)}")
+        raise UsageError(
+            f"{table.path} has no column {', '.join(missing)}; it has {listed(table.names)}"
+        )
     return force
 
 
@@ -145,7 +168,9 @@ def _by_names(table: Table, side: str) -> FootForce:
     """Find the only force whose columns name the foot, or are named as in OpenSim's examples."""
     stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
     if not stems:
-        raise UsageError(f"{table.path} has no ground force, as ground_force_vx, but {listed(table.names)}")
+        raise UsageError(
+            f"{table.path} has no ground force, as ground_force_vx, but {listed(table.names)}"
+        )
     fitting = [stem for stem in stems if words(stem) & SIDE_WORDS[side]]
     if set(stems) == set(EXAMPLES):
         fitting = [stem for stem in stems if EXAMPLES[stem] == side]
@@ -155,8 +180,12 @@ def _by_names(table: Table, side: str) -> FootForce:
             "Give the external loads file (.xml) in its place"
         )
     stem = fitting[0]
-    torques = [stem.replace("force", turn) + end for turn in ("torque", "moment") for end in ("", "m")]
-    return FootForce(f"{stem}v", f"{stem}p", next((name for name in torques if f"{name}y" in table.names), ""))
+    torques = [
+        stem.replace("force", turn) + end for turn in ("torque", "moment") for end in ("", "m")
+    ]
+    return FootForce(
+        f"{stem}v", f"{stem}p", next((name for name in torques if f"{name}y" in table.names), "")
+    )
 
 
 def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
@@ -170,7 +199,10 @@ def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
         checks.check_upright(_vector(data, names.force)[:, 1], f"{data.path}: {names.force}y")
     within = Signal(data.stamps, data.values).around((int(stamps[0]), int(stamps[-1])))
     if len(within.stamps) < 2:
-        spans = [" to ".join(f"{each[row] / NANOSECONDS:g}" for row in (0, -1)) for each in (data.stamps, stamps)]
+        spans = [
+            " to ".join(f"{each[row] / NANOSECONDS:g}" for row in (0, -1))
+            for each in (data.stamps, stamps)
+        ]
         raise UsageError(f"{data.path} spans {spans[0]} s, and the kinematics {spans[1]} s")
     return ground._replace(data=data._replace(stamps=within.stamps, values=within.values))
 
@@ -189,8 +221,12 @@ def about_ankle(ground: GroundFile, ankle: Floats) -> Signal:
     for names in ground.forces:
         force = _vector(data, names.force)
         stands = force[:, 1:2] >= IN_THE_AIR
-        standing = data._replace(values=np.where(stands, data.values, 0.0))  # in the air, a point may be NaN
-        point, moment = (_vector(standing, name) if name else np.zeros_like(force) for name in names[1:])
+        standing = data._replace(
+            values=np.where(stands, data.values, 0.0)
+        )  # in the air, a point may be NaN
+        point, moment = (
+            _vector(standing, name) if name else np.zeros_like(force) for name in names[1:]
+        )
         arm = point - ankle
         checks.check_near(arm, force[:, 1], f"{data.path}: {names.point}(x y z)")
         wrench += np.where(stands, np.hstack([force, np.cross(arm, force) + moment]), 0.0)
@@ -203,7 +239,12 @@ def _vector(data: Table, name: str) -> Floats:
 
 
 def read_leg(
-    ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], work: Path
+    ground: GroundFile,
+    kinematics: Table,
+    degrees: bool,
+    model: Path,
+    joints: Sequence[str],
+    work: Path,
 ) -> tuple[dict[str, Signal], Signal, list[str]]:
     """Simulate the sensors of a leg: angles of hip and ankle, the ground's wrench about the ankle, and notes.
 
@@ -238,7 +279,10 @@ def read_leg(
     ]
     if not all(force.torque for force in ground.forces):
         notes.append("ground: no free moment in the file")
-    signals = {name: Signal(kinematics.stamps, np.arctan2(*each)[:, None]) for name, each in angles.items()}
+    signals = {
+        name: Signal(kinematics.stamps, np.arctan2(*each)[:, None])
+        for name, each in angles.items()
+    }
     return signals, wrench, notes
 
 
@@ -248,15 +292,23 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
     Raises:
         UsageError: the file is not a model, or a joint is missing or not unique.
     """
-    joints = [e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")]
+    joints = [
+        e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")
+    ]
     of_side = [e.get("name", "") for e in joints if words(e.get("name", "")) & SIDE_WORDS[side]]
     found: list[str] = []
     for what, fitting in (
         (f"{side} hip", [name for name in of_side if "hip" in words(name)]),
-        (f"coordinate {coordinate}",
-         [e.get("name", "") for e in joints if any(c.get("name") == coordinate for c in e.iter("Coordinate"))]),
+        (
+            f"coordinate {coordinate}",
+            [
+                e.get("name", "")
+                for e in joints
+                if any(c.get("name") == coordinate for c in e.iter("Coordinate"))
+            ],
+        ),
         (f"{side} ankle", [name for name in of_side if "ankle" in words(name)]),
-    ):  # fmt: skip
+    ):
         if len(set(fitting)) != 1:
             having = f"the joints {', '.join(dict.fromkeys(fitting))}" if fitting else "no joint"
             raise UsageError(f"{model} has {having} of the {what}; exactly one is needed")
@@ -264,7 +316,9 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
     return found
 
 
-def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tuple[str, str]], work: Path) -> Frames:
+def frames_of(
+    kinematics: Table, degrees: bool, model: Path, frames: Sequence[tuple[str, str]], work: Path
+) -> Frames:
     """Compute where frames are at the rows of the kinematics, by OpenSim in its own process; see `child`.
 
     Raises:
@@ -273,9 +327,20 @@ def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tu
     require("opensim", "opensim")
     known = {e.get("name") for e in read_xml(model, "Model").iter("Coordinate")}
     columns = {coordinate_of(name): name for name in kinematics.names}
-    coordinates = {name: kinematics.column(column).tolist() for name, column in columns.items() if name in known}
-    request, answer, log = (work / name for name in ("leg_request.json", "leg_answer.json", "leg.log"))
-    content = {"model": str(model.absolute()), "frames": frames, "degrees": degrees, "coordinates": coordinates}
+    coordinates = {
+        name: kinematics.column(column).tolist()
+        for name, column in columns.items()
+        if name in known
+    }
+    request, answer, log = (
+        work / name for name in ("leg_request.json", "leg_answer.json", "leg.log")
+    )
+    content = {
+        "model": str(model.absolute()),
+        "frames": frames,
+        "degrees": degrees,
+        "coordinates": coordinates,
+    }
     request.write_text(json.dumps(content), encoding="utf-8")
     if code := run_python(child.__name__, (child.PLACES, request.name, answer.name), work, log):
         raise UsageError(f"OpenSim failed with {model}, code {code}: {last_words(log)}")
@@ -296,9 +361,13 @@ def tibia_in(
     """
     root = read_xml(model, "Model")
     if reaction.joint not in [e.get("name") for e in root.iter() if e.tag.endswith("Joint")]:
-        raise UsageError(f"{model} (--model) has no joint {reaction.joint}; is it the model of these results?")
+        raise UsageError(
+            f"{model} (--model) has no joint {reaction.joint}; is it the model of these results?"
+        )
     stamps = stamps[(stamps >= kinematics.stamps[0]) & (stamps <= kinematics.stamps[-1])]
-    table = kinematics._replace(stamps=stamps, values=Signal(kinematics.stamps, kinematics.values).at(stamps).values)
+    table = kinematics._replace(
+        stamps=stamps, values=Signal(kinematics.stamps, kinematics.values).at(stamps).values
+    )
     tibia = ("child_base", reaction.joint)
     if not is_part(reaction.body, (*TIBIA, *FEMUR)):  # of a compartment: the tibia of its side
         side = [words(reaction.joint) & each for each in SIDE_WORDS.values()]

@@ -115,15 +115,21 @@ def read_model(path: Path, coordinate: str | None) -> tuple[float, tuple[float, 
             return [float(number) for number in text.split()]
         except ValueError:
             name = f"{tag} of {element.tag} {element.get('name')}"
-            raise UsageError(f"{path} (--model): {name} is {text!r}, and must be numbers such as 9.3") from None
+            raise UsageError(
+                f"{path} (--model): {name} is {text!r}, and must be numbers such as 9.3"
+            ) from None
 
     root = read_xml(path, "Model")
     found = next((c for c in root.iter("Coordinate") if c.get("name") == coordinate), None)
     if found is None:
-        raise UsageError(f"{path} (--model) has no coordinate {coordinate}; is it the model of these results?")
+        raise UsageError(
+            f"{path} (--model) has no coordinate {coordinate}; is it the model of these results?"
+        )
     mass = sum(number for body in root.iter("Body") for number in numbers(body, "mass"))
     if not 0.0 < mass < math.inf:
-        raise UsageError(f"{path} (--model): mass of all Body elements is {mass:g} kg; it must be finite and > 0")
+        raise UsageError(
+            f"{path} (--model): mass of all Body elements is {mass:g} kg; it must be finite and > 0"
+        )
     ends = numbers(found, "range")
     return mass * GRAVITY, (ends[0], ends[1]) if len(ends) == 2 else None
 
@@ -136,9 +142,15 @@ def angle_column(table: Table, side: str, coordinate: str | None) -> str:
     """
     names = list(dict.fromkeys(table.names))  # one that is there twice is refused when it is read
     if coordinate is not None:
-        fitting = [coordinate] if coordinate in names else [name for name in names if coordinate_of(name) == coordinate]
+        fitting = (
+            [coordinate]
+            if coordinate in names
+            else [name for name in names if coordinate_of(name) == coordinate]
+        )
         if not fitting:
-            raise UsageError(f"{table.path} has no column {coordinate} (--coordinate); it has {listed(names)}")
+            raise UsageError(
+                f"{table.path} has no column {coordinate} (--coordinate); it has {listed(names)}"
+            )
     else:
         fitting = [name for name in names if is_knee_angle(coordinate_of(name) or "", side)]
     if len(fitting) != 1:
@@ -161,7 +173,14 @@ def speed_column(names: Iterable[str], angle: str) -> str | None:
     """Find the column with the rate of an angle's column, in a file of states or speeds; None if there is none."""
     wanted = angle.removesuffix("/value") + "/speed" if "/" in angle else angle
     coordinate = coordinate_of(angle)
-    return next((name for name in names if name in {wanted, coordinate} or name.endswith(f"/{coordinate}/speed")), None)
+    return next(
+        (
+            name
+            for name in names
+            if name in {wanted, coordinate} or name.endswith(f"/{coordinate}/speed")
+        ),
+        None,
+    )
 
 
 def coordinate_of(name: str) -> str | None:
@@ -183,8 +202,11 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
     """
     matches = [REACTION.fullmatch(name) for name in table.names]
     there = list(dict.fromkeys(Reaction(*match.groups()) for match in matches if match))
-    there += dict.fromkeys(Reaction(match["joint"], TIBIA[0], GROUND, match["path"])
-                           for match in map(MOCO.fullmatch, table.names) if match)  # fmt: skip
+    there += dict.fromkeys(
+        Reaction(match["joint"], TIBIA[0], GROUND, match["path"])
+        for match in map(MOCO.fullmatch, table.names)
+        if match
+    )
     if not there:
         raise UsageError(
             f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ...; it has {listed(table.names)}"
@@ -194,22 +216,37 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
         raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {listed(joints)}")
     usable: dict[str, Reaction] = {}
     for each in sorted(there, key=lambda each: each.rank):
-        if is_part(each.body, (*TIBIA, *FEMUR)) or (is_part(each.joint, COMPARTMENTS) and each.frame != GROUND):
+        if is_part(each.body, (*TIBIA, *FEMUR)) or (
+            is_part(each.joint, COMPARTMENTS) and each.frame != GROUND
+        ):
             usable.setdefault(each.joint, each)
     ours = [name for name in usable if words(name) & SIDE_WORDS[side]]
     halves = [[name for name in ours if is_part(name, (half,))] for half in COMPARTMENTS]
     ways = (
-        [name for name in ours if is_knee(name, side) and is_part(usable[name].body, (*TIBIA, *FEMUR))],
+        [
+            name
+            for name in ours
+            if is_knee(name, side) and is_part(usable[name].body, (*TIBIA, *FEMUR))
+        ],
         [name for name in ours if is_part(f"{name} {usable[name].body}", PLATEAU)],
     )
-    pair = [name for names in halves for name in names] if all(len(names) == 1 for names in halves) else []
+    pair = (
+        [name for names in halves for name in names]
+        if all(len(names) == 1 for names in halves)
+        else []
+    )
     found = [joint] if joint in usable else next((each for each in ways if len(each) == 1), pair)
     if not found or joint not in {None, *found}:
         raise UsageError(
             f"{table.path}: of {joint or listed(joints)} none acts on the tibia of the {side} knee, or several do; "
             f"name one that does with --joint NAME, or run JointReaction again, {HOW}"
         )
-    if missing := [name for each in found for name in map(usable[each].column, AXES) if name not in table.names]:
+    if missing := [
+        name
+        for each in found
+        for name in map(usable[each].column, AXES)
+        if name not in table.names
+    ]:
         raise UsageError(f"{table.path} has no column {', '.join(missing)}")
     return [usable[name] for name in found]
 
@@ -225,7 +262,11 @@ def words(name: str) -> set[str]:
 
 
 def read_angles(
-    table: Table, column: str, speeds: Path | None, settings: Settings, bounds: tuple[float, float] | None
+    table: Table,
+    column: str,
+    speeds: Path | None,
+    settings: Settings,
+    bounds: tuple[float, float] | None,
 ) -> tuple[Signal, list[str]]:
     """Read the flexion angle, its rate if a file has it, and notes; `bounds` [rad] is its range in the model.
 
@@ -233,7 +274,9 @@ def read_angles(
         UsageError: the unit, sign or rate is wrong or unclear, or there are fewer than two rows.
     """
     if len(table.stamps) < 2:
-        raise UsageError(f"{table.path} has {len(table.stamps)} row, but an angle over time needs two")
+        raise UsageError(
+            f"{table.path} has {len(table.stamps)} row, but an angle over time needs two"
+        )
     unit = checks.unit_of(table, column, settings.angle_unit)
     angle = table.column(column) * (math.radians(1.0) if unit == "deg" else 1.0)
     sign = checks.sign_of(angle, f"{table.path}: {column}", settings.angle_sign, bounds)
@@ -247,7 +290,9 @@ def read_angles(
     if name is None:
         return signal, [*notes, "rate: derived from the angle", *table.notes]
     if source.stamps[0] > table.stamps[0] or source.stamps[-1] < table.stamps[-1]:
-        raise UsageError(f"{source.path} spans {source.time(0)} to {source.time(-1)} s, less than the angles")
+        raise UsageError(
+            f"{source.path} spans {source.time(0)} to {source.time(-1)} s, less than the angles"
+        )
     rate = sign * source.column(name) * (math.radians(1.0) if source.degrees else 1.0)
     given = Signal(source.stamps, rate[:, None]).at(table.stamps).values
     checks.check_rate(given[:, 0], signal.with_rate().values[:, 1], f"{source.path}: {name}")
@@ -272,7 +317,9 @@ def hinge(angle: Signal, stamps: Stamps) -> Pose:
     return Pose(np.moveaxis(rotation, 2, 0), np.zeros((len(stamps), 3)))
 
 
-def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], side: str) -> tuple[Signal, list[str]]:
+def read_reaction(
+    table: Table, parts: Sequence[tuple[Reaction, Pose | None]], side: str
+) -> tuple[Signal, list[str]]:
     """Read force and torque on the tibia at its frame's origin, mirrored for a left knee, and notes.
 
     The `parts` are added up. One in another frame has the pose of the tibia in that frame at the table's rows.
@@ -282,7 +329,9 @@ def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], s
         wrench = np.column_stack([table.column(reaction.column(axis)) for axis in AXES])
         if is_part(reaction.body, FEMUR):
             wrench = -wrench
-            notes.append(f"reaction: on {reaction.body} turned into that on the tibia (Newton's third law)")
+            notes.append(
+                f"reaction: on {reaction.body} turned into that on the tibia (Newton's third law)"
+            )
         points = [reaction.column(axis) for axis in POINT]
         point = np.zeros((len(wrench), 3)) if pose is None or pose.point is None else pose.point
         if set(points) <= set(table.names):
@@ -292,13 +341,20 @@ def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], s
             wrench[:, 3:] += np.cross(arm, wrench[:, :3])
             notes.append("torque: moved to the tibia frame's origin")
         if pose:
-            turned = [np.einsum("nij,nj->ni", pose.rotation, part) for part in (wrench[:, :3], wrench[:, 3:])]
+            turned = [
+                np.einsum("nij,nj->ni", pose.rotation, part)
+                for part in (wrench[:, :3], wrench[:, 3:])
+            ]
             wrench = np.hstack(turned)
             notes.append(f"reaction: turned from {reaction.frame} into the tibia's frame")
         total += wrench
     if len(parts) > 1:
-        notes.append("reaction: sum of the compartments, its torque about the tibia frame's origin")
+        notes.append(
+            "reaction: sum of the compartments, its torque about the tibia frame's origin"
+        )
     if side == LEFT:
         total = total * MIRROR
-        notes.append("reaction: left knee mirrored to a right one (force z, torque x and y turned)")
+        notes.append(
+            "reaction: left knee mirrored to a right one (force z, torque x and y turned)"
+        )
     return Signal(table.stamps, total), [*dict.fromkeys(notes), *table.notes]

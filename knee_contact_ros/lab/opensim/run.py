@@ -34,20 +34,46 @@ from knee_contact_ros.system.terminal import Bar
 XML = ".xml"
 NOTHING = {"", "Unassigned", "unassigned"}
 """Texts that mean that a property is not set"""
-SCALE, IK, RRA, CMC, STATIC, REACTIONS, DYNAMICS = "scale", "ik", "rra", "cmc", "static", "reactions", "dynamics"
+SCALE, IK, RRA, CMC, STATIC, REACTIONS, DYNAMICS = (
+    "scale",
+    "ik",
+    "rra",
+    "cmc",
+    "static",
+    "reactions",
+    "dynamics",
+)
 TOOLS = {
-    SCALE: "ScaleTool", IK: "InverseKinematicsTool", RRA: "RRATool", CMC: "CMCTool", STATIC: "AnalyzeTool",
-    REACTIONS: "AnalyzeTool", DYNAMICS: "InverseDynamicsTool",
-}  # fmt: skip
+    SCALE: "ScaleTool",
+    IK: "InverseKinematicsTool",
+    RRA: "RRATool",
+    CMC: "CMCTool",
+    STATIC: "AnalyzeTool",
+    REACTIONS: "AnalyzeTool",
+    DYNAMICS: "InverseDynamicsTool",
+}
 """Tool of each step, in the order in which the steps run"""
 CHOOSABLE = (SCALE, IK, RRA, CMC, STATIC)
 INPUTS = (
-    "model_file", "marker_set_file", "marker_file", "force_set_files", "external_loads_file", "desired_kinematics_file",
-    "task_set_file", "constraints_file", "coordinates_file", "coordinate_file",
-)  # fmt: skip
+    "model_file",
+    "marker_set_file",
+    "marker_file",
+    "force_set_files",
+    "external_loads_file",
+    "desired_kinematics_file",
+    "task_set_file",
+    "constraints_file",
+    "coordinates_file",
+    "coordinate_file",
+)
 SHARED = (
-    "model_file", "replace_force_set", "force_set_files", "external_loads_file", "initial_time", "final_time",
-)  # fmt: skip
+    "model_file",
+    "replace_force_set",
+    "force_set_files",
+    "external_loads_file",
+    "initial_time",
+    "final_time",
+)
 """Properties that an AnalyzeTool takes from another set-up file"""
 STATIC_RATE = 200.0
 """Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes about 50 ms"""
@@ -139,7 +165,10 @@ def data_file(ground: Path, folder: Path | None = None) -> Path:
     name = text_in(read_xml(ground, "ExternalLoads"), ".//datafile")
     if name in NOTHING:
         raise UsageError(f"{ground} names no datafile, which has the numbers")
-    there = next((place / name for place in (ground.parent, folder) if place and (place / name).is_file()), None)
+    there = next(
+        (place / name for place in (ground.parent, folder) if place and (place / name).is_file()),
+        None,
+    )
     if there is None:
         raise UsageError(f"{ground} names the datafile {name}, which is not there")
     return there
@@ -157,24 +186,38 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
     for path in paths:
         if not path.exists():
             raise UsageError(f"--setup {path}: no such file or folder")
-        for setup in filter(None, map(read_setup, sorted(path.glob("*.xml")) if path.is_dir() else [path])):
+        for setup in filter(
+            None, map(read_setup, sorted(path.glob("*.xml")) if path.is_dir() else [path])
+        ):
             if setup.step in there:
                 both = f"{there[setup.step].path.name} and {setup.path.name}"
-                raise UsageError(f"--setup: {both} are both for {setup.step}; give the files instead of the folder")
+                raise UsageError(
+                    f"--setup: {both} are both for {setup.step}; give the files instead of the folder"
+                )
             there[setup.step] = setup
     if not there:
-        raise UsageError(f"--setup {paths[0]}: no set-up file of a scale, IK, RRA, CMC or static optimization tool")
+        raise UsageError(
+            f"--setup {paths[0]}: no set-up file of a scale, IK, RRA, CMC or static optimization tool"
+        )
     if unknown := [step for step in steps if step not in CHOOSABLE]:
         raise UsageError(f"--steps: there is no {unknown[0]}; there are {', '.join(CHOOSABLE)}")
-    wanted = list(steps) or [step for step in CHOOSABLE if step in there and (step != STATIC or CMC not in there)]
+    wanted = list(steps) or [
+        step for step in CHOOSABLE if step in there and (step != STATIC or CMC not in there)
+    ]
     if (CMC in wanted) == (STATIC in wanted):
         raise UsageError(
             f"--steps {','.join(wanted)}: one of cmc and static must be among them, because it computes the forces"
         )
-    if missing := [step for step in wanted if step not in there and not (step == STATIC and CMC in there)]:
-        raise UsageError(f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(there)}")
+    if missing := [
+        step for step in wanted if step not in there and not (step == STATIC and CMC in there)
+    ]:
+        raise UsageError(
+            f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(there)}"
+        )
     require("opensim", "opensim")
-    setups = [(there.get(step) or there[CMC])._replace(step=step) for step in CHOOSABLE if step in wanted]
+    setups = [
+        (there.get(step) or there[CMC])._replace(step=step) for step in CHOOSABLE if step in wanted
+    ]
     return _common_folder(setups), setups
 
 
@@ -184,7 +227,9 @@ def _common_folder(setups: Sequence[Setup]) -> Path:
     for setup in setups:
         for name in setup.needs():
             if name.startswith("/") or "\\" in name:
-                raise UsageError(f"{setup.path} names {name}; write file names relative to its folder, with /")
+                raise UsageError(
+                    f"{setup.path} names {name}; write file names relative to its folder, with /"
+                )
             places.append(absolute(setup.folder / name).parent)
     folder = Path(os.path.commonpath(places))
     if folder in {Path(folder.anchor), Path.home()}:
@@ -216,12 +261,17 @@ def absolute(path: Path) -> Path:
 def static_setup(base: Setup, path: Path, interval: int) -> Setup:
     """Write a set-up file for static optimization of the motion that a CMC set-up tracks, every `interval` rows."""
     cutoff = float(base.text("lowpass_cutoff_frequency", "-1"))
-    return _write(STATIC, path, f"{base.name}_static", {
-        **_shared(base, "ResultsStatic"),
-        "AnalysisSet": {"objects": {"StaticOptimization": {"step_interval": str(interval)}}},
-        "coordinates_file": base.text("desired_kinematics_file"),
-        "lowpass_cutoff_frequency_for_coordinates": str(cutoff if cutoff > 0.0 else -1.0),
-    })  # fmt: skip
+    return _write(
+        STATIC,
+        path,
+        f"{base.name}_static",
+        {
+            **_shared(base, "ResultsStatic"),
+            "AnalysisSet": {"objects": {"StaticOptimization": {"step_interval": str(interval)}}},
+            "coordinates_file": base.text("desired_kinematics_file"),
+            "lowpass_cutoff_frequency_for_coordinates": str(cutoff if cutoff > 0.0 else -1.0),
+        },
+    )
 
 
 def reactions_setup(base: Setup, path: Path, states: Path | None, forces: Path) -> Setup:
@@ -233,25 +283,47 @@ def reactions_setup(base: Setup, path: Path, states: Path | None, forces: Path) 
     cutoff = "lowpass_cutoff_frequency_for_coordinates"
     own = {"coordinates_file": base.text("coordinates_file"), cutoff: base.text(cutoff, "-1")}
     child_frame = {"apply_on_bodies": "child", "express_in_frame": "child"}
-    return _write(REACTIONS, path, "knee_contact", {
-        **_shared(base, "ResultsReactions"),
-        "AnalysisSet": {"objects": {
-            "Kinematics": {"coordinates": "all", "in_degrees": "true"},
-            "BodyKinematics": {"bodies": "center_of_mass"},
-            "JointReaction": {"forces_file": str(forces), "joint_names": "ALL", **child_frame},
-        }},
-        **({"states_file": str(states)} if states else own),
-    })  # fmt: skip
+    return _write(
+        REACTIONS,
+        path,
+        "knee_contact",
+        {
+            **_shared(base, "ResultsReactions"),
+            "AnalysisSet": {
+                "objects": {
+                    "Kinematics": {"coordinates": "all", "in_degrees": "true"},
+                    "BodyKinematics": {"bodies": "center_of_mass"},
+                    "JointReaction": {
+                        "forces_file": str(forces),
+                        "joint_names": "ALL",
+                        **child_frame,
+                    },
+                }
+            },
+            **({"states_file": str(states)} if states else own),
+        },
+    )
 
 
-def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[float, float]) -> Setup:
+def dynamics_setup(
+    base: Setup, path: Path, coordinates: str, window: tuple[float, float]
+) -> Setup:
     """Write a set-up file for inverse dynamics: net joint moments, to compare reserves with."""
-    return _write(DYNAMICS, path, "knee_contact", {
-        "results_directory": "ResultsDynamics", "model_file": base.text("model_file"),
-        "time_range": f"{window[0]} {window[1]}", "forces_to_exclude": "Muscles",
-        "external_loads_file": base.text("external_loads_file"), "coordinates_file": coordinates,
-        "lowpass_cutoff_frequency_for_coordinates": "-1", "output_gen_force_file": "moments.sto",
-    })  # fmt: skip
+    return _write(
+        DYNAMICS,
+        path,
+        "knee_contact",
+        {
+            "results_directory": "ResultsDynamics",
+            "model_file": base.text("model_file"),
+            "time_range": f"{window[0]} {window[1]}",
+            "forces_to_exclude": "Muscles",
+            "external_loads_file": base.text("external_loads_file"),
+            "coordinates_file": coordinates,
+            "lowpass_cutoff_frequency_for_coordinates": "-1",
+            "output_gen_force_file": "moments.sto",
+        },
+    )
 
 
 def _shared(base: Setup, results: str) -> dict[str, str]:
@@ -333,7 +405,9 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
         UsageError: the folder cannot be copied, or a step failed; its log is in `work`/logs.
     """
     try:
-        shutil.copytree(folder, work, ignore=shutil.ignore_patterns(".*"), copy_function=shutil.copyfile)
+        shutil.copytree(
+            folder, work, ignore=shutil.ignore_patterns(".*"), copy_function=shutil.copyfile
+        )
         for path in (work, *(path for path in work.rglob("*") if path.is_dir())):
             path.chmod(0o755)  # even if the original cannot be written to
         (work / "logs").mkdir(exist_ok=True)
@@ -344,14 +418,18 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
     def run(setup: Setup) -> None:
         bar.describe(f"{setup.step} ({len(seconds) + 1} of {len(setups) + 2})")
         begun, log = time.monotonic(), work / "logs" / f"{setup.step}.log"
-        if code := run_python(child.__name__, (TOOLS[setup.step], setup.path.name), setup.folder, log):
+        if code := run_python(
+            child.__name__, (TOOLS[setup.step], setup.path.name), setup.folder, log
+        ):
             raise UsageError(
                 f"OpenSim's {setup.step} ({setup.path.name}) failed with code {code}: {last_words(log)}; "
                 "--work DIR keeps its log"
             )
         seconds[setup.step] = time.monotonic() - begun
 
-    own = [setup._replace(path=work / absolute(setup.path).relative_to(folder)) for setup in setups]
+    own = [
+        setup._replace(path=work / absolute(setup.path).relative_to(folder)) for setup in setups
+    ]
     for setup in own[:-1]:
         run(setup)
     last, place = own[-1], own[-1].folder
@@ -377,13 +455,20 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
 def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -> int:
     """Run a module in its own process and a folder, with its output in `log`; return the exit code."""
     command = python_module(module, *arguments)
-    with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=folder, **command) as process:
+    with (
+        log.open("wb") as output,
+        kept(output=output, patience=PATIENCE, cwd=folder, **command) as process,
+    ):
         return process.wait()
 
 
 def last_words(log: Path) -> str:
     """Last line of a log that reports a failure, or else its last line."""
-    lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    lines = [
+        line.strip()
+        for line in log.read_text(encoding="utf-8", errors="replace").splitlines()
+        if line.strip()
+    ]
     telling = [line for line in lines if FAILED.search(line) and not MESHES.search(line)]
     return (telling or lines or ["it said nothing"])[-1]
 
@@ -399,11 +484,16 @@ def results_of(muscles: Setup) -> tuple[Path, Path | None]:
     begin = muscles.results / muscles.name
     forces, states = Path(f"{begin}_Actuation_force.sto"), Path(f"{begin}_states.sto")
     if muscles.step == STATIC:
-        forces, states = Path(f"{begin}_StaticOptimization_force.sto"), Path(muscles.text("states_file"))
+        forces, states = (
+            Path(f"{begin}_StaticOptimization_force.sto"),
+            Path(muscles.text("states_file")),
+        )
     known = states != Path()
     for name in [forces, states][: 1 + known]:
         if not (muscles.folder / name).is_file():
-            raise UsageError(f"{muscles.step} has not written {name}; for CMC that needs an Actuation analysis")
+            raise UsageError(
+                f"{muscles.step} has not written {name}; for CMC that needs an Actuation analysis"
+            )
     if not known:
         return forces, None
     fixed = states.with_stem(f"{states.stem}_repaired")
@@ -419,9 +509,16 @@ def assess(run: Run) -> list[Check]:
     """
     forces = read_storage(run.forces)
     residual_forces, residual_moments, reserves = actuators_of(run.muscles, run.folder, forces)
-    external = external_peak(run.folder / run.muscles.text("external_loads_file"), run.folder, forces.stamps)
-    height = float(read_storage(run.result("BodyKinematics_pos_global")).column("center_of_mass_Y").mean())
-    of_force, of_moment = f"5 % of {external:.0f} N of external force", f"1 % of {external:.0f} N x {height:.2f} m"
+    external = external_peak(
+        run.folder / run.muscles.text("external_loads_file"), run.folder, forces.stamps
+    )
+    height = float(
+        read_storage(run.result("BodyKinematics_pos_global")).column("center_of_mass_Y").mean()
+    )
+    of_force, of_moment = (
+        f"5 % of {external:.0f} N of external force",
+        f"1 % of {external:.0f} N x {height:.2f} m",
+    )
     found: list[Check] = []
 
     def check(name: str, values: Floats, allowed: float, unit: str, basis: str) -> None:
@@ -434,7 +531,13 @@ def assess(run: Run) -> list[Check]:
         ("residual moment", residual_moments, MOMENT_SHARE * external * height, "N m", of_moment),
     ):
         if names:
-            check(name, np.linalg.norm([forces.column(each) for each in names], axis=0), allowed, unit, basis)
+            check(
+                name,
+                np.linalg.norm([forces.column(each) for each in names], axis=0),
+                allowed,
+                unit,
+                basis,
+            )
     moments = read_storage(run.moments)
     for name, coordinate in reserves.items():
         if f"{coordinate}_moment" in moments.names:
@@ -446,7 +549,9 @@ def assess(run: Run) -> list[Check]:
         path = setup.folder / setup.results / f"{setup.name}_ik_marker_errors.sto"
         if setup.step == IK and path.is_file():
             for name, (column, allowed) in MARKERS.items():
-                check(name, read_storage(path).column(column) * 1e3, allowed, "mm", "best practices")
+                check(
+                    name, read_storage(path).column(column) * 1e3, allowed, "mm", "best practices"
+                )
     return found
 
 
@@ -462,7 +567,9 @@ def verdict(found: Sequence[Check]) -> list[str]:
     return [*(f"- {check.sentence()}" for check in found), text]
 
 
-def actuators_of(muscles: Setup, folder: Path, forces: Table) -> tuple[list[str], list[str], dict[str, str]]:
+def actuators_of(
+    muscles: Setup, folder: Path, forces: Table
+) -> tuple[list[str], list[str], dict[str, str]]:
     """Names of residual forces and moments, and coordinates of reserves by name, in the force set files.
 
     Raises:
@@ -474,7 +581,9 @@ def actuators_of(muscles: Setup, folder: Path, forces: Table) -> tuple[list[str]
             name, coordinate = element.get("name", ""), text_in(element, "coordinate")
             if name not in forces.names:
                 continue
-            if element.tag == "PointActuator" or (coordinate.startswith(PELVIS) and coordinate[-3:-1] == "_t"):
+            if element.tag == "PointActuator" or (
+                coordinate.startswith(PELVIS) and coordinate[-3:-1] == "_t"
+            ):
                 residual_forces.append(name)
             elif element.tag == "TorqueActuator" or coordinate.startswith(PELVIS):
                 residual_moments.append(name)
@@ -490,7 +599,10 @@ def external_peak(loads: Path, folder: Path, stamps: Stamps) -> float:
         UsageError: the loads cannot be read.
     """
     data = read_storage(data_file(loads, folder))
-    names = [text_in(force, "force_identifier") for force in read_xml(loads, "ExternalLoads").iter("ExternalForce")]
+    names = [
+        text_in(force, "force_identifier")
+        for force in read_xml(loads, "ExternalLoads").iter("ExternalForce")
+    ]
     names = [name for name in names if f"{name}x" in data.names]
     if not names:
         raise UsageError(f"{loads}: no force_identifier of it is in {data.path}")

@@ -13,7 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.lab.checks import outside, refuse
-from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, circle, concave, contact_centre, fit
+from knee_contact_ros.lab.profiles.fit import (
+    GAIT,
+    SLAB,
+    TOLERANCE,
+    Fit,
+    circle,
+    concave,
+    contact_centre,
+    fit,
+)
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import parameter_text
@@ -36,10 +45,22 @@ SIZE, DPI = (8.0, 9.0), 110
 
 
 def run_fit_profile(
-    mesh: Path, output: Path, slice: str, *, bone: Path | None = None, femur: bool = True, medial: bool = True,  # noqa: A002
-    unit: str | None = None, axes: str | None = None, label: int | None = None, bone_label: int | None = None,
-    tolerance: float = TOLERANCE, slab: float = SLAB, origin: str | None = None, overwrite: bool = False,
-) -> list[str]:  # fmt: skip
+    mesh: Path,
+    output: Path,
+    slice: str,  # noqa: A002
+    *,
+    bone: Path | None = None,
+    femur: bool = True,
+    medial: bool = True,
+    unit: str | None = None,
+    axes: str | None = None,
+    label: int | None = None,
+    bone_label: int | None = None,
+    tolerance: float = TOLERANCE,
+    slab: float = SLAB,
+    origin: str | None = None,
+    overwrite: bool = False,
+) -> list[str]:
     """Fit a profile and write CSV, picture and parameter file; return the lines of the report.
 
     Args:
@@ -74,10 +95,17 @@ def run_fit_profile(
     found = fit(surface, z, femur=femur, bone=under, tolerance=tolerance, slab=slab)
     start = _origin(found, origin, mesh)
     profile = csv(found, mesh.name, found.smoothed.points - start)
-    contents = (profile.encode(), picture(found, mesh.name), _parameter_file(found, outputs[0]).encode())
+    contents = (
+        profile.encode(),
+        picture(found, mesh.name),
+        _parameter_file(found, outputs[0]).encode(),
+    )
     write_complete(dict(zip(outputs, contents, strict=True)))
     files = zip(("CSV", "picture", "parameters"), outputs, strict=True)
-    return [f"{label:<{LABEL - 1}} {text}" for label, text in (*_report(found, mesh.name, start), *files)]
+    return [
+        f"{label:<{LABEL - 1}} {text}"
+        for label, text in (*_report(found, mesh.name, start), *files)
+    ]
 
 
 def _place(text: str, surface: Surface, femur: bool, medial: bool) -> float:
@@ -86,7 +114,9 @@ def _place(text: str, surface: Surface, femur: bool, medial: bool) -> float:
         return contact_centre(surface, femur, medial)
     place = _numbers(text)
     if len(place) != 1 or not abs(place[0]) < 1.0:
-        raise UsageError(f"--slice {text}: it must be a place in mm along the medio-lateral axis z, or auto")
+        raise UsageError(
+            f"--slice {text}: it must be a place in mm along the medio-lateral axis z, or auto"
+        )
     return place[0]
 
 
@@ -102,7 +132,9 @@ def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
     if text == "surface" and not found.femur:
         place = [0.0, float(np.interp(0.0, x, y, left=math.nan, right=math.nan))]
     if len(place) != 2 or not np.isfinite(place).all():
-        allowed = "mesh or X,Y in mm" + ", or surface if the plateau reaches over x = 0" * (not found.femur)
+        allowed = "mesh or X,Y in mm" + ", or surface if the plateau reaches over x = 0" * (
+            not found.femur
+        )
         raise UsageError(
             f"--origin {text}: it must be {allowed}; this is x = {MM * x.min():.1f} to {MM * x.max():.1f} mm"
         )
@@ -110,11 +142,15 @@ def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
     what, away, most = "plateau", float(np.hypot(*(points - place).T).min()), FAR_PLATEAU
     cure = "give surface or X,Y in mm"
     if found.femur:
-        touching = (found.shape.normal >= math.radians(GAIT[0])) & (found.shape.normal <= math.radians(GAIT[1]))
+        touching = (found.shape.normal >= math.radians(GAIT[0])) & (
+            found.shape.normal <= math.radians(GAIT[1])
+        )
         middle = circle(points[touching])[0]
         what, away, most = "condyle's middle", math.dist(middle, place), FAR_CONDYLE
-        cure = (f"a femur turns about it: give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
-                f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}")  # fmt: skip
+        cure = (
+            f"a femur turns about it: give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
+            f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}"
+        )
     refuse(outside(where, f"the distance of the {what}", MM * away, "mm", (0.0, most), cure))
     return np.array(place)
 
@@ -132,32 +168,56 @@ def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
     smoothed, shape, rows = found.smoothed, found.shape, []
     for each in found.circles:
         low, high = each.window
-        window = f"normals of {low:.0f}° to {high:.0f}°" if found.femur else f"x = {low:.1f} to {high:.1f} mm"
+        window = (
+            f"normals of {low:.0f}° to {high:.0f}°"
+            if found.femur
+            else f"x = {low:.1f} to {high:.1f} mm"
+        )
         rows.append(("circle", f"radius {MM * each.radius:.2f} mm over {window}"))
     if found.thickness is not None:
         along, mean = MM * found.thickness.along, found.thickness.mean
         zone = "normals of -15° to 70°" if found.femur else "the middle half of the width"
         rows += [
-            ("cartilage", f"{MM * mean:.2f} mm on average where gait touches ({zone}); {along.mean():.2f} mm over the "
-                          f"whole profile, {along.max():.2f} mm at most"),
-            ("cartilage", f"thickness: {mean:.6f}   (m, this cartilage alone: add the other bone's, for a subject file "
-                          "or -p contact.layer_depth:=...)"),
-        ]  # fmt: skip
-    hollow = [f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in ([] if found.femur else concave(shape))]
-    curvature = f"concave from {', '.join(hollow)}; convex elsewhere" if hollow else "convex everywhere"
+            (
+                "cartilage",
+                f"{MM * mean:.2f} mm on average where gait touches ({zone}); {along.mean():.2f} mm over the "
+                f"whole profile, {along.max():.2f} mm at most",
+            ),
+            (
+                "cartilage",
+                f"thickness: {mean:.6f}   (m, this cartilage alone: add the other bone's, for a subject file "
+                "or -p contact.layer_depth:=...)",
+            ),
+        ]
+    hollow = [
+        f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in ([] if found.femur else concave(shape))
+    ]
+    curvature = (
+        f"concave from {', '.join(hollow)}; convex elsewhere" if hollow else "convex everywhere"
+    )
     if found.femur:
         begin, end = sorted(np.degrees(shape.normal[[0, -1]]))
         low, high = float(shape.curvature.min()), float(shape.curvature.max())
         largest = f"{MM / low:.1f}" if low > 0.0 else "infinite"
-        curvature += f"; radius {MM / high:.1f} to {largest} mm; normals from {begin:.0f}° to {end:.0f}°"
+        curvature += (
+            f"; radius {MM / high:.1f} to {largest} mm; normals from {begin:.0f}° to {end:.0f}°"
+        )
     return [
-        ("profile", f"{_side(found)} of {name}, slice at z = {MM * found.z:g} mm, {len(smoothed.points)} points"),
+        (
+            "profile",
+            f"{_side(found)} of {name}, slice at z = {MM * found.z:g} mm, {len(smoothed.points)} points",
+        ),
         ("origin", f"x = {MM * origin[0]:.5f}, y = {MM * origin[1]:.5f} mm of the mesh"),
         ("tolerance", _tolerance(found)),
-        ("deviation", f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.3f} mm at most, of the "
-                      f"{len(smoothed.raw)} points of the slice"),
-        ("curvature", curvature), *rows, *(("note", remark) for remark in found.remarks),
-    ]  # fmt: skip
+        (
+            "deviation",
+            f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.3f} mm at most, of the "
+            f"{len(smoothed.raw)} points of the slice",
+        ),
+        ("curvature", curvature),
+        *rows,
+        *(("note", remark) for remark in found.remarks),
+    ]
 
 
 def _side(found: Fit) -> str:
@@ -166,10 +226,15 @@ def _side(found: Fit) -> str:
 
 def _tolerance(found: Fit) -> str:
     """Describe the tolerance, the roughness and the resulting deviation in a line."""
-    rough, where = found.smoothed.roughness, f"slab of ±{MM * found.slab:g} mm" if found.slab else "slice"
+    rough, where = (
+        found.smoothed.roughness,
+        f"slab of ±{MM * found.slab:g} mm" if found.slab else "slice",
+    )
     allowed = MM * math.hypot(rough, found.tolerance)
-    return (f"{MM * found.tolerance:.3g} mm RMS beyond the roughness of {MM * rough:.3f} mm: at most "
-            f"{allowed:.3f} mm; {MM * found.smoothed.deviation:.3f} mm in the {where}")  # fmt: skip
+    return (
+        f"{MM * found.tolerance:.3g} mm RMS beyond the roughness of {MM * rough:.3f} mm: at most "
+        f"{allowed:.3f} mm; {MM * found.smoothed.deviation:.3f} mm in the {where}"
+    )
 
 
 def csv(found: Fit, name: str, points: Floats) -> str:
@@ -205,18 +270,29 @@ def picture(found: Fit, name: str) -> bytes:
         whole, *rows = canvas.subplots(len(heights), 1, height_ratios=heights)
         for number, piece in enumerate(MM * thickness.bone if thickness else ()):
             whole.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
-        whole.plot(*(MM * smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh")
+        whole.plot(
+            *(MM * smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh"
+        )
         whole.plot(*(MM * shape.points).T, color=PROFILE, linewidth=1.6, label="profile")
         for number, (each, colour) in enumerate(zip(found.circles, CIRCLES, strict=False)):
             width = 4.5 - number  # they may lie on each other
-            rows[0].plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
-            whole.plot(*(MM * each.part).T, color=colour, label=f"circle of radius {MM * each.radius:.1f} mm")
+            rows[0].plot(
+                each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width
+            )
+            whole.plot(
+                *(MM * each.part).T,
+                color=colour,
+                label=f"circle of radius {MM * each.radius:.1f} mm",
+            )
         nearest = along[cKDTree(shape.points).query(smoothed.raw)[1]]
         rows[0].plot(along, shape.curvature / MM, color=PROFILE, linewidth=1.5)
         rows[1].plot(nearest, MM * smoothed.deviations, ".", color="0.3", markersize=3.5)
         most = f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.2f} mm at most"
         hollow = "" if found.femur else ", concave positive"
-        titles = [f"curvature of the profile and of the circles{hollow}", f"slice outside of the profile: {most}"]
+        titles = [
+            f"curvature of the profile and of the circles{hollow}",
+            f"slice outside of the profile: {most}",
+        ]
         if thickness:
             rows[2].plot(along, MM * thickness.along, color=BONE, linewidth=1.5)
             titles.append(f"cartilage: {MM * thickness.mean:.2f} mm on average where gait touches")
@@ -224,7 +300,9 @@ def picture(found: Fit, name: str) -> bytes:
             row.sharex(rows[0])
             row.axhline(0.0, color="0.5", linewidth=0.8)
             row.set(ylabel=unit, title=title)
-        rows[-1].set_xlabel("outward normal: 0 down, posterior positive [°]" if found.femur else "x, anterior [mm]")
+        rows[-1].set_xlabel(
+            "outward normal: 0 down, posterior positive [°]" if found.femur else "x, anterior [mm]"
+        )
         whole.set_aspect("equal", adjustable="datalim")
         title = f"{_side(found).capitalize()} of {name}, z = {MM * found.z:g} mm: x anterior, y superior [mm]"
         whole.set_title(title.replace("$", r"\$"))

@@ -181,9 +181,14 @@ class Fit(NamedTuple):
 
 
 def fit(
-    surface: Surface, z: float, *, femur: bool = True, bone: Surface | None = None,
-    tolerance: float = TOLERANCE, slab: float = SLAB,
-) -> Fit:  # fmt: skip
+    surface: Surface,
+    z: float,
+    *,
+    femur: bool = True,
+    bone: Surface | None = None,
+    tolerance: float = TOLERANCE,
+    slab: float = SLAB,
+) -> Fit:
     """Fit a femur's or a tibia's profile to the slice of a surface at `z` [m]; see `smooth` for `tolerance` [m].
 
     Raises:
@@ -203,16 +208,34 @@ def fit(
     check("its height over its width", height / max(width, 1e-9), "", steep, other)
     if femur:
         middle = 1e3 * float((raw - circle(raw)[0]).mean(axis=0)[1])
-        check("it looks up; the height of its points above its circle's centre", middle, "mm", (-math.inf, 0.0), cure)
+        check(
+            "it looks up; the height of its points above its circle's centre",
+            middle,
+            "mm",
+            (-math.inf, 0.0),
+            cure,
+        )
     chart = Chart.around(raw, femur)
     smoothed = smooth(slab_points, chart, tolerance)
     worst = int(np.abs(smoothed.deviations).argmax())
     off, (x, y) = 1e3 * float(smoothed.deviations[worst]), 1e3 * smoothed.raw[worst]
     dent = f"{abs(off):.1f} mm {'outside of' if off > 0.0 else 'behind'} the profile at x = {x:.1f}, y = {y:.1f} mm"
-    cut_off = f"cut off parts that are not articular surface ({dent}), or see --slice, --side and --axes"
-    check("its RMS distance from any profile", 1e3 * smoothed.roughness, "mm", (0.0, WORST), cut_off)
-    untold = f"too few points around the slice to tell the profile ({dent}): see --slice and --slab"
-    check("its RMS distance from the profile", 1e3 * smoothed.rms, "mm", (0.0, WORST + 1e3 * tolerance), untold)
+    cut_off = (
+        f"cut off parts that are not articular surface ({dent}), or see --slice, --side and --axes"
+    )
+    check(
+        "its RMS distance from any profile", 1e3 * smoothed.roughness, "mm", (0.0, WORST), cut_off
+    )
+    untold = (
+        f"too few points around the slice to tell the profile ({dent}): see --slice and --slab"
+    )
+    check(
+        "its RMS distance from the profile",
+        1e3 * smoothed.rms,
+        "mm",
+        (0.0, WORST + 1e3 * tolerance),
+        untold,
+    )
     shape = _shape_of(smoothed.points)
     circles = _circles(shape, femur)
     if femur:
@@ -222,17 +245,35 @@ def fit(
         of_gait = f"{reach}, the share of what touches in gait ({GAIT[0]:g}° to {GAIT[1]:g}°)"
         check(of_gait, share, "", (LEAST_REACH, 1.0), "--slice through a condyle, or see --axes")
         notch = f"is it the notch (--slice), or {TURNED} {cure}"
-        check(f"{reach}, the reach in front beyond that behind", -low - high, "°", (-math.inf, MOST_IN_FRONT), notch)
+        check(
+            f"{reach}, the reach in front beyond that behind",
+            -low - high,
+            "°",
+            (-math.inf, MOST_IN_FRONT),
+            notch,
+        )
         radii = {each.window: 1e3 * each.radius for each in circles}
         for (low, high), limits in zip(FEMORAL_WINDOWS, RADII, strict=True):
             if (low, high) in radii:
                 radius = f"its radius over normals of {low:.0f}° to {high:.0f}°"
                 check(radius, radii[low, high], "mm", limits, f"is --unit right? {cure}")
         growth = radii.get(FEMORAL_WINDOWS[-1], 0.0) / radii.get(FEMORAL_WINDOWS[0], math.inf)
-        check("its rear radius over that near extension", growth, "", (0.0, MOST_GROWTH), f"{TURNED} {cure}")
+        check(
+            "its rear radius over that near extension",
+            growth,
+            "",
+            (0.0, MOST_GROWTH),
+            f"{TURNED} {cure}",
+        )
     elif z < 0.0:
         hollow = f"a medial one (z < 0) is hollow: is it upside down, or the lateral one? {cure}"
-        check("its largest concave curvature", float(shape.curvature.max()), "1/m", (0.0, math.inf), hollow)
+        check(
+            "its largest concave curvature",
+            float(shape.curvature.max()),
+            "1/m",
+            (0.0, math.inf),
+            hollow,
+        )
     cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
     remarks = (*surface.remarks, *slab_points.remarks)
     if abs(off) >= NOTABLE:
@@ -278,7 +319,9 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
         rows = np.concatenate([triangle, math.sqrt(10.0**logarithm * len(place)) * penalty])
         wanted = np.concatenate([target, np.zeros(len(penalty))])
         found: Any = lsq_linear(rows, wanted, bounds=(lower, np.inf), method="bvls")
-        return found.x, math.sqrt((float(np.sum((triangle @ found.x - target) ** 2)) + rest) / len(place))
+        return found.x, math.sqrt(
+            (float(np.sum((triangle @ found.x - target) ** 2)) + rest) / len(place)
+        )
 
     roughness = solve(ROUGHEST)[1]
     allowed = math.hypot(roughness, tolerance)
@@ -297,7 +340,9 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     nearest = np.clip(cKDTree(curve).query(raw)[1], 1, len(curve) - 2)
     along, offset = curve[nearest + 1] - curve[nearest - 1], raw - curve[nearest]
     across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / np.hypot(*along.T)
-    out = chart.outwards(raw) - np.interp(chart.place(raw), chart.place(curve), chart.outwards(curve))
+    out = chart.outwards(raw) - np.interp(
+        chart.place(raw), chart.place(curve), chart.outwards(curve)
+    )
     return Smoothed(points, raw, np.copysign(across, out), roughness, deviation)
 
 
@@ -333,7 +378,9 @@ def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
     """Fit circles over `TIBIAL_WINDOWS`, or over those `FEMORAL_WINDOWS` that the profile covers."""
     circles, x = [], 1e3 * shape.points[:, 0]
     along = np.degrees(shape.normal) if femur else x
-    of_tibia = [(x.min() + first * np.ptp(x), x.min() + last * np.ptp(x)) for first, last in TIBIAL_WINDOWS]
+    of_tibia = [
+        (x.min() + first * np.ptp(x), x.min() + last * np.ptp(x)) for first, last in TIBIAL_WINDOWS
+    ]
     for low, high in FEMORAL_WINDOWS if femur else of_tibia:
         part = shape.points[(along >= low) & (along <= high)]
         if len(part) >= LEAST_PLACES and along.min() <= low + 1.0 and along.max() >= high - 1.0:
@@ -345,7 +392,9 @@ def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
 
 def concave(shape: Shape) -> list[tuple[float, float]]:
     """Ranges of x [m] in which a tibia's profile is concave."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], shape.curvature > 0.0, [0]]).astype(np.int8)))
+    edges = np.flatnonzero(
+        np.diff(np.concatenate([[0], shape.curvature > 0.0, [0]]).astype(np.int8))
+    )
     x = shape.points[:, 0]
     return [(float(x[a]), float(x[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -353,10 +402,14 @@ def concave(shape: Shape) -> list[tuple[float, float]]:
 def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness:
     """Measure the thickness at the places of a shape, from the bone cut at `z` [m]."""
     if not len(bone.triangles):
-        raise UsageError(f"--bone {bone.path}: it must be a mesh or a label map, not a cloud of points")
+        raise UsageError(
+            f"--bone {bone.path}: it must be a mesh or a label map, not a cloud of points"
+        )
     pieces = cut(bone, z)
     if not len(pieces.begins):
-        raise UsageError(f"--slice {1e3 * z:g} misses --bone {bone.path}, which reaches from {bone.lateral_range}")
+        raise UsageError(
+            f"--slice {1e3 * z:g} misses --bone {bone.path}, which reaches from {bone.lateral_range}"
+        )
     along = _distances(pieces, shape.points)
     x = shape.points[:, 0]
     reach = np.degrees(shape.normal) if chart.femur else (x - x.min()) / np.ptp(x)
@@ -396,7 +449,9 @@ def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
         UsageError: the surface has nothing on that side, or is a point cloud.
     """
     if not len(surface.triangles):
-        raise UsageError(f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm")
+        raise UsageError(
+            f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm"
+        )
     side = surface.points[:, 2] * (-1.0 if medial else 1.0) > 0.0
     if np.count_nonzero(side) < LEAST_POINTS:
         name = "medial side, z < 0" if medial else "lateral side, z > 0"
@@ -468,13 +523,20 @@ class Chart(NamedTuple):
     def values(self, points: Floats) -> tuple[Floats, Floats]:
         """Values g of points, and the distance across the profile per unit of g there [m], shape (n,) each."""
         out = self.outwards(points)
-        return (self.scale / out, out**2 / self.scale) if self.femur else (out / self.scale, 0.0 * out + self.scale)
+        return (
+            (self.scale / out, out**2 / self.scale)
+            if self.femur
+            else (out / self.scale, 0.0 * out + self.scale)
+        )
 
     def columns(self, grid: Floats, v: Floats) -> Floats:
         """Columns g: the two straight lines, for which v = 0, and one for each column of v, shape (grid, 2 + n)."""
         if not self.femur:
             return np.column_stack([np.ones_like(grid), grid, _integral(grid, _integral(grid, v))])
-        sine, cosine = np.sin(grid)[:, None], np.cos(grid)[:, None]  # g'' + g = v: the integral of sin(α - β) v(β)
+        sine, cosine = (
+            np.sin(grid)[:, None],
+            np.cos(grid)[:, None],
+        )  # g'' + g = v: the integral of sin(α - β) v(β)
         curved = sine * _integral(grid, cosine * v) - cosine * _integral(grid, sine * v)
         return np.column_stack([cosine, sine, curved])
 
@@ -483,7 +545,10 @@ class Chart(NamedTuple):
         if not self.femur:
             return self.middle + self.scale * np.column_stack([grid, g])
         angle = grid + self.direction
-        return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+        return np.asarray(
+            self.middle
+            + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        )
 
 
 class Slices(NamedTuple):
@@ -517,13 +582,18 @@ def slices(surface: Surface, z: float, slab: float, femur: bool) -> Slices:
         raise UsageError(
             f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}; or see --axes"
         )
-    points, remarks = _articular(middle, Chart.around(np.concatenate([middle.begins, middle.ends]), femur))
+    points, remarks = _articular(
+        middle, Chart.around(np.concatenate([middle.begins, middle.ends]), femur)
+    )
     chart = Chart.around(points, femur)
     places = chart.place(points)
     found, offsets = [points], [np.zeros(len(points))]
     planes = math.ceil(slab / DISTANCE)
     for step in range(1, planes + 1):
-        beside = [_articular(cut(surface, z + side * slab * step / planes), chart)[0] for side in (-1.0, 1.0)]
+        beside = [
+            _articular(cut(surface, z + side * slab * step / planes), chart)[0]
+            for side in (-1.0, 1.0)
+        ]
         if min(map(len, beside)) < LEAST_POINTS:
             remarks = [*remarks, f"the slab of {1e3 * slab:g} mm reaches beyond the surface"]
             break
@@ -548,8 +618,12 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
     remarks = ["all points of a cloud are used: it must hold the articular side only"]
     if abs(distance[nearest]) > DISTANCE:
         z_there = 1e3 * surface.points[nearest, 2]
-        remarks.append(f"no point lies within {1e3 * DISTANCE:g} mm of the slice; the nearest has z = {z_there:.2f} mm")
-    return Slices(surface.points[inside, :2], np.round(distance[inside] / (slab or 1.0), 6), tuple(remarks))
+        remarks.append(
+            f"no point lies within {1e3 * DISTANCE:g} mm of the slice; the nearest has z = {z_there:.2f} mm"
+        )
+    return Slices(
+        surface.points[inside, :2], np.round(distance[inside] / (slab or 1.0), 6), tuple(remarks)
+    )
 
 
 def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
@@ -575,13 +649,20 @@ def _seen(points: Floats, pieces: Pieces, chart: Chart) -> Any:
     begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
     out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
     low, high = np.minimum(begin, end), np.maximum(begin, end)
-    usual = high - low < (math.pi if chart.femur else math.inf)  # a piece round the back of a femur covers nothing
+    usual = high - low < (
+        math.pi if chart.femur else math.inf
+    )  # a piece round the back of a femur covers nothing
     rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
     seen = []
     for first in range(0, len(points), BLOCK):  # of many points at once, the table would be large
         part = points[first : first + BLOCK]
         place, out = chart.place(part)[:, None], chart.outwards(part)[:, None]
-        covers = (low <= place) & (place <= high) & usual & (out_begin + rise * (place - begin) > out + COVER)
+        covers = (
+            (low <= place)
+            & (place <= high)
+            & usual
+            & (out_begin + rise * (place - begin) > out + COVER)
+        )
         seen.append(~covers.any(axis=1))
     return np.concatenate(seen)
 

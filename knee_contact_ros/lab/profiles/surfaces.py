@@ -45,16 +45,22 @@ SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
 """What 3D Slicer writes into the header of a mesh: the sides to which its x, y and z point"""
 HEADER = 1024
 """Number of bytes at the beginning of a file that are searched for it"""
-AXES_HINT = ("a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes=-y,z,-x in LPS, a left one's have the "
-             "other sign of x")  # fmt: skip
+AXES_HINT = (
+    "a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes=-y,z,-x in LPS, a left one's have the "
+    "other sign of x"
+)
 MAP_HEADER = 2**16
 """Largest size of a text header of a label map [B]"""
 TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
 """NumPy types by the type names in headers, without `signed` and blanks; other names are the same in NumPy"""
 UNPACKED: dict[str, Callable[[bytes], bytes]] = {
-    "raw": bytes, "gzip": gzip.decompress, "gz": gzip.decompress, "bzip2": bz2.decompress, "bz2": bz2.decompress,
+    "raw": bytes,
+    "gzip": gzip.decompress,
+    "gz": gzip.decompress,
+    "bzip2": bz2.decompress,
+    "bz2": bz2.decompress,
     "zlib": zlib.decompress,
-}  # fmt: skip
+}
 NUMBER = re.compile(r"[-+0-9.eE]+")
 LONGEST = 32
 """Largest number of bytes of a voxel in a text; in other encodings it has fewer"""
@@ -87,7 +93,9 @@ class Surface(NamedTuple):
         return f"z = {low:.1f} to {high:.1f} mm"
 
 
-def read_surface(path: Path, unit: str | None = None, axes: str | None = None, label: int | None = None) -> Surface:
+def read_surface(
+    path: Path, unit: str | None = None, axes: str | None = None, label: int | None = None
+) -> Surface:
     """Read a mesh, a cloud of points or a label of a label map.
 
     Args:
@@ -102,28 +110,40 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
             `axes` contradict its header.
     """
     if not path.is_file():
-        raise UsageError(f"{path} is a folder" if path.is_dir() else f"{path}: there is no such file")
+        raise UsageError(
+            f"{path} is a folder" if path.is_dir() else f"{path}: there is no such file"
+        )
     usual, space = BODY_AXES, ""
-    kind = "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
+    kind = (
+        "".join(path.suffixes[-2:]).lower()
+        if path.suffix.lower() == ".gz"
+        else path.suffix.lower()
+    )
     if kind in LABEL_MAPS:
         points, triangles = _around_label(path, label, axes)
         usual, unit = _axes_in("RAS"), unit or "mm"  # nibabel's
     elif label is not None:
-        raise UsageError(f"--label {label}: {path} is not a label map; label maps end with {' or '.join(LABEL_MAPS)}")
+        raise UsageError(
+            f"--label {label}: {path} is not a label map; label maps end with {' or '.join(LABEL_MAPS)}"
+        )
     elif kind in CLOUDS:
         points, triangles = _read_cloud(path), np.empty((0, 3), np.int64)
     elif kind in MESHES:
         points, triangles, space = _read_mesh(path, kind)
     else:
         known = ", ".join((*MESHES, *CLOUDS, *LABEL_MAPS))
-        raise UsageError(f"{path}: a mesh, cloud of points or label map must end with one of {known}")
+        raise UsageError(
+            f"{path}: a mesh, cloud of points or label map must end with one of {known}"
+        )
     remarks: tuple[str, ...] = ()
     if space:
         usual, unit, remarks = _axes_in(space), unit or "mm", _space_remarks(path, space, axes)
     places, signs = _axes(axes or usual)
     _check_size(path, points, unit or "m")
     turned = np.ascontiguousarray(points[:, places] * signs) * UNITS[unit or "m"]
-    return Surface(path, turned, triangles, axes or usual, remarks, axes is None and usual != BODY_AXES)
+    return Surface(
+        path, turned, triangles, axes or usual, remarks, axes is None and usual != BODY_AXES
+    )
 
 
 def _axes_in(space: str, left: bool = False) -> str:
@@ -137,7 +157,9 @@ def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
     """Describe how the given axes relate to a header's space; refuse axes that contradict it."""
     right, left = _axes_in(space), _axes_in(space, left=True)
     if axes is None:
-        return (f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",)
+        return (
+            f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",
+        )
     (places, signs), (known, known_signs) = _axes(axes), _axes(right)
     cure = f"the header of {path.name} says SPACE={space}, where a right knee's are {right} and a left one's {left}"
     for row, what in enumerate(("front and back", "up and down")):
@@ -155,7 +177,9 @@ def _axes(text: str) -> tuple[list[int], list[float]]:
             f"--axes {text}: it must name the file's axes that point anterior, superior and lateral, "
             "each of x, y and z once, as x,y,z or --axes=-y,z,x"
         )
-    return ["xyz".index(letter) for letter in letters], [-1.0 if name[0] == "-" else 1.0 for name in names]
+    return ["xyz".index(letter) for letter in letters], [
+        -1.0 if name[0] == "-" else 1.0 for name in names
+    ]
 
 
 def _check_size(path: Path, points: Floats, unit: str) -> None:
@@ -166,7 +190,11 @@ def _check_size(path: Path, points: Floats, unit: str) -> None:
     likely = min(UNITS, key=lambda name: abs(math.log(max(largest, 1e-9) * UNITS[name] / USUAL)))
     fits = SIZE[0] <= largest * UNITS[likely] <= SIZE[1]
     cure = f"likely it is in {likely}, --unit {likely}" if fits else "scale it to m or mm first"
-    refuse(outside(path, f"its largest extent with --unit {unit}", largest * UNITS[unit], "m", SIZE, cure))
+    refuse(
+        outside(
+            path, f"its largest extent with --unit {unit}", largest * UNITS[unit], "m", SIZE, cure
+        )
+    )
 
 
 def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
@@ -181,11 +209,15 @@ def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
         with path.open("rb") as file:
             said = SPACE.search(file.read(HEADER).decode("latin-1"))
     except Exception as error:  # the libraries raise what they like
-        raise UsageError(f"{path} cannot be read as a {kind} file: {' '.join(str(error).split())[:200]}") from None
+        raise UsageError(
+            f"{path} cannot be read as a {kind} file: {' '.join(str(error).split())[:200]}"
+        ) from None
     if not len(points):
         raise UsageError(f"{path} cannot be read as a {kind} file, or has no faces")
     if not len(triangles):
-        raise UsageError(f"{path} has {len(points)} points but no faces; a cloud of points must be a text file x y z")
+        raise UsageError(
+            f"{path} has {len(points)} points but no faces; a cloud of points must be a text file x y z"
+        )
     space = space or (said[1] if said else "")
     return np.asarray(points, np.float64), np.asarray(triangles, np.int64), space
 
@@ -214,12 +246,22 @@ def _by_vtk(path: Path) -> tuple[Any, Any, str]:
     read = read if isinstance(read, pyvista.PolyData) else read.extract_surface()
     mesh = read.triangulate().clean()
     has_faces = bool(mesh.n_cells and mesh.faces.size)
-    said = SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}") if "SPACE" in read.field_data else None
+    said = (
+        SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}")
+        if "SPACE" in read.field_data
+        else None
+    )
     space = said[1] if said else ""
     return (mesh.points, mesh.regular_faces, space) if has_faces else (read.points, (), space)
 
 
-MESHES = {".stl": _by_trimesh, ".ply": _by_trimesh, ".obj": _by_trimesh, ".vtp": _by_vtk, ".vtk": _by_vtk}
+MESHES = {
+    ".stl": _by_trimesh,
+    ".ply": _by_trimesh,
+    ".obj": _by_trimesh,
+    ".vtp": _by_vtk,
+    ".vtk": _by_vtk,
+}
 """Reader of meshes by the suffix of their files"""
 
 
@@ -232,7 +274,9 @@ def _read_cloud(path: Path) -> Floats:
         lines = path.read_text("utf-8-sig").replace(",", " ").lstrip().splitlines()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of a file without numbers
-            points = np.loadtxt(lines, ndmin=2, skiprows=int(bool(lines) and lines[0][0].isalpha()))
+            points = np.loadtxt(
+                lines, ndmin=2, skiprows=int(bool(lines) and lines[0][0].isalpha())
+            )
         if points.shape[1] not in {2, 3}:
             raise ValueError(f"it has {len(points)} rows of {points.shape[1]} columns")
         return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
@@ -255,7 +299,9 @@ def _around_label(path: Path, label: int | None, axes: str | None) -> tuple[Floa
     if wanted not in labels:
         given = "" if label is None else f"--label {label}: "
         raise UsageError(f"{given}{path} needs --label N: it has the labels {shown}")
-    padded = np.pad(values == wanted, 1).astype(np.float32)  # a label at the edge of the image is closed there
+    padded = np.pad(values == wanted, 1).astype(
+        np.float32
+    )  # a label at the edge of the image is closed there
     grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
     grid.point_data["inside"] = padded.ravel(order="F")
     mesh = grid.contour([INSIDE], scalars="inside").triangulate()
@@ -286,15 +332,23 @@ def _label_map(path: Path) -> LabelMap:
     Raises:
         UsageError: the file cannot be read, or does not have three dimensions.
     """
-    reader = next(reader for suffix, reader in LABEL_MAPS.items() if path.name.lower().endswith(suffix))
+    reader = next(
+        reader for suffix, reader in LABEL_MAPS.items() if path.name.lower().endswith(suffix)
+    )
     try:
         found = reader(path)
     except Exception as error:  # nibabel raises its own, EOFError, zlib's and more
         raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
     values = found.values
-    values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
+    values = (
+        values.reshape(values.shape[:3])
+        if values.ndim > 3 and set(values.shape[3:]) == {1}
+        else values
+    )
     if values.ndim != 3 or not values.size or abs(np.linalg.det(found.affine)) < 1e-12:
-        raise UsageError(f"{path}: its voxels have the shape {values.shape}; a map of three dimensions is needed")
+        raise UsageError(
+            f"{path}: its voxels have the shape {values.shape}; a map of three dimensions is needed"
+        )
     return found._replace(values=values)
 
 
@@ -312,23 +366,37 @@ def _nifti(path: Path) -> LabelMap:
 def _nrrd(path: Path) -> LabelMap:
     content = path.read_bytes()
     end = re.search(rb"\r?\n\r?\n", content[:MAP_HEADER])
-    head, data = (content[: end.start()], content[end.end() :]) if end else (content[:MAP_HEADER], b"")
+    head, data = (
+        (content[: end.start()], content[end.end() :]) if end else (content[:MAP_HEADER], b"")
+    )
     if not head.startswith(b"NRRD"):
         raise ValueError("it does not begin with NRRD")
     fields = _fields(head, ":")
-    if fields.get("dimension") != "3" or fields.get("byte skip", "0") != "0" or fields.get("line skip", "0") != "0":
+    if (
+        fields.get("dimension") != "3"
+        or fields.get("byte skip", "0") != "0"
+        or fields.get("line skip", "0") != "0"
+    ):
         raise ValueError("a map has dimension 3, without byte skip and line skip")
     if name := fields.get("data file") or fields.get("datafile"):
         data = _data_file(path.parent / name, fields["sizes"])
-    values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], fields.get("endian") == "big")
+    values = _voxels(
+        data, fields["type"], fields["sizes"], fields["encoding"], fields.get("endian") == "big"
+    )
     space, directions = fields.get("space", ""), fields.get("space directions", "none")
-    letters = (space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))).upper()
+    letters = (
+        space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))
+    ).upper()
     if not re.fullmatch("[RL][AP][SI]", letters) or "none" in directions:
         spacing = _numbers(fields.get("spacings", "1 1 1"))
         return LabelMap(values, np.diag([*spacing, 1.0]), "it has no space directions")
     unit = (re.findall('"(.*?)"', fields.get("space units", "")) or ["mm"])[0]
-    turn = {"mm": 1.0, "cm": 10.0, "m": 1e3}[unit] * np.array([1.0 if each in "RAS" else -1.0 for each in letters])
-    return LabelMap(values, _affine(_numbers(directions), fields.get("space origin", "0 0 0"), turn))
+    turn = {"mm": 1.0, "cm": 10.0, "m": 1e3}[unit] * np.array(
+        [1.0 if each in "RAS" else -1.0 for each in letters]
+    )
+    return LabelMap(
+        values, _affine(_numbers(directions), fields.get("space origin", "0 0 0"), turn)
+    )
 
 
 def _meta_image(path: Path) -> LabelMap:
@@ -352,7 +420,10 @@ def _meta_image(path: Path) -> LabelMap:
     if not matrix:
         return LabelMap(values, np.diag([*spacing, 1.0]), "it has no TransformMatrix")
     directions = np.reshape(matrix, (3, 3)) * spacing[:, None]
-    return LabelMap(values, _affine(directions, first("offset position origin", "0 0 0"), np.array([-1.0, -1.0, 1.0])))
+    return LabelMap(
+        values,
+        _affine(directions, first("offset position origin", "0 0 0"), np.array([-1.0, -1.0, 1.0])),
+    )
 
 
 def _data_file(path: Path, sizes: str) -> bytes:
@@ -381,14 +452,21 @@ def _numbers(text: str) -> list[float]:
 
 def _voxels(data: bytes, kind: str, sizes: str, encoding: str, big: bool) -> NDArray[Any]:
     """Decode the numbers of voxels, the first axis fastest."""
-    kind = kind.replace("unsigned ", "u").replace("signed ", "").removesuffix(" int").removesuffix("_t")
+    kind = (
+        kind.replace("unsigned ", "u")
+        .replace("signed ", "")
+        .removesuffix(" int")
+        .removesuffix("_t")
+    )
     dtype = np.dtype(TYPES.get(kind, kind.replace(" ", ""))).newbyteorder(">" if big else "<")
     shape = tuple(int(size) for size in _numbers(sizes))
     if encoding in {"text", "txt", "ascii"}:
         try:
             return np.array(data.split(), dtype).reshape(shape, order="F")
         except ValueError:  # its words may come from any file that a header names
-            raise ValueError(f"its data are not the {math.prod(shape)} numbers of a text") from None
+            raise ValueError(
+                f"its data are not the {math.prod(shape)} numbers of a text"
+            ) from None
     data = UNPACKED[encoding](data)
     if len(data) < math.prod(shape) * dtype.itemsize:
         raise ValueError(f"it has {len(data)} of {math.prod(shape) * dtype.itemsize} B")
@@ -396,6 +474,11 @@ def _voxels(data: bytes, kind: str, sizes: str, encoding: str, big: bool) -> NDA
 
 
 LABEL_MAPS = {
-    ".nii": _nifti, ".nii.gz": _nifti, ".nrrd": _nrrd, ".nhdr": _nrrd, ".mha": _meta_image, ".mhd": _meta_image,
-}  # fmt: skip
+    ".nii": _nifti,
+    ".nii.gz": _nifti,
+    ".nrrd": _nrrd,
+    ".nhdr": _nrrd,
+    ".mha": _meta_image,
+    ".mhd": _meta_image,
+}
 """Reader by the suffix of a file"""

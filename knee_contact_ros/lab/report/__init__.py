@@ -26,35 +26,58 @@ from knee_contact_ros.system.terminal import progress, warn
 
 OLDEST = (3, 7)
 """Oldest version of matplotlib that puts legends outside of axes; Ubuntu 24.04 has 3.6"""
-EXTRA, PAGE, TEMPLATE, UNCERTAINTY = "report", "report.html", "report.html.jinja", "uncertainty.csv"
-PICTURES = ("knee_[0-9]*", "over_time_[0-9]*", "uncertainty_[0-9]*", *(q.figure for q in CURVES.values() if q.figure))
+EXTRA, PAGE, TEMPLATE, UNCERTAINTY = (
+    "report",
+    "report.html",
+    "report.html.jinja",
+    "uncertainty.csv",
+)
+PICTURES = (
+    "knee_[0-9]*",
+    "over_time_[0-9]*",
+    "uncertainty_[0-9]*",
+    *(q.figure for q in CURVES.values() if q.figure),
+)
 """Patterns of the names of the pictures, without their suffix"""
 EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 """Patterns of the files of an earlier report that are removed"""
 DOUBTFUL = " (implausible)"
 """Mark of values from a tick that is `IMPLAUSIBLE`"""
 MICRO = 1e6
-UNCERTAINTY_COLUMNS = ("input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
-                       "depth_rms_um", "force_rms_N")  # fmt: skip
+UNCERTAINTY_COLUMNS = (
+    "input",
+    "standard_deviation",
+    "depth_at_largest_load_um",
+    "force_at_largest_load_N",
+    "depth_rms_um",
+    "force_rms_N",
+)
 # "at_largest_load": where the femoral height drives, at the largest contact force
-QUANTITIES = (("load_BW", "load [BW]", ".2f"), ("contact_force_BW", "contact force [BW]", ".2f"),
-              ("penetration_depth_mm", "depth [mm]", ".3f"))  # fmt: skip
+QUANTITIES = (
+    ("load_BW", "load [BW]", ".2f"),
+    ("contact_force_BW", "contact force [BW]", ".2f"),
+    ("penetration_depth_mm", "depth [mm]", ".3f"),
+)
 """Quantities of the first table, with their names there and digits"""
 CYCLE_ROWS = (
-    ("cycle [s]", "duration_s", ".3f"), ("stance [% of the cycle]", "stance_percent", ".1f"),
+    ("cycle [s]", "duration_s", ".3f"),
+    ("stance [% of the cycle]", "stance_percent", ".1f"),
     ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
     ("largest depth [mm]", "largest_penetration_depth_mm", ".3f"),
-    ("impulse of stance [BW s]", "stance_impulse_N_s", ".3f"), ("impulse of stance [N s]", "stance_impulse_N_s", ".1f"),
-    ("impulse of the cycle [BW s]", "impulse_N_s", ".3f"), ("impulse of the cycle [N s]", "impulse_N_s", ".1f"),
+    ("impulse of stance [BW s]", "stance_impulse_N_s", ".3f"),
+    ("impulse of stance [N s]", "stance_impulse_N_s", ".1f"),
+    ("impulse of the cycle [BW s]", "impulse_N_s", ".3f"),
+    ("impulse of the cycle [N s]", "impulse_N_s", ".1f"),
     ("loading rate [BW/s]", "loading_rate_N_per_s", ".1f"),
     ("largest patch half-width [mm]", "largest_patch_half_width_mm", ".2f"),
     ("largest mean pressure [MPa]", "largest_mean_pressure_MPa", ".2f"),
     ("largest peak pressure [MPa]", "largest_peak_pressure_MPa", ".2f"),
     ("largest nominal strain [%]", "largest_cartilage_strain_percent", ".1f"),
     ("bone contact [s]", "bone_contact_s", ".3f"),
-    ("lifted off [s]", "lifted_off_s", ".3f"), ("sliding distance [mm]", "sliding_distance_mm", ".1f"),
+    ("lifted off [s]", "lifted_off_s", ".3f"),
+    ("sliding distance [mm]", "sliding_distance_mm", ".1f"),
     ("largest sliding velocity [mm/s]", "largest_sliding_velocity_mm_per_s", ".0f"),
-)  # fmt: skip
+)
 """Rows of the table of cycles: name, number of a cycle (divided by the body weight if the unit has BW), and digits"""
 
 
@@ -78,7 +101,9 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
     if mpl.__version_info__[:2] < OLDEST:
         raise UsageError(f"matplotlib {mpl.__version__} is too old; {how_to_get(EXTRA)}")
     if options.labels and len(options.labels) != len(options.files):
-        raise UsageError(f"--label: {len(options.labels)} given for {len(options.files)} FILEs; give one each, or none")
+        raise UsageError(
+            f"--label: {len(options.labels)} given for {len(options.files)} FILEs; give one each, or none"
+        )
     with work_folder(output) as work:
         with progress("Reading") as bar:
             found = runs.collect(options, work, bar)
@@ -92,7 +117,9 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
             replace(work / name, output / name)
     damage = [sentence for run in found if run.beside is None for sentence in run.damage]
     if damage:
-        raise IncompleteError(f"{output / PAGE} shows what can be read of a damaged bag: {in_a_line(damage)}")
+        raise IncompleteError(
+            f"{output / PAGE} shows what can be read of a damaged bag: {in_a_line(damage)}"
+        )
     kept = sorted({f"{run.name} keeps {', '.join(run.kept)}" for run in found if run.kept})
     warn(f"--compare: {line}" for line in kept)
     return [output / name for name in files]
@@ -111,9 +138,12 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
         "uncertain": figures.uncertainty(found),
     }
     environment = Environment(
-        loader=PackageLoader(__package__ or "", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        loader=PackageLoader(__package__ or "", ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
         keep_trailing_newline=True,
-    )  # fmt: skip
+    )
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     bases = [run for run in found if run.beside is None]
     loads = (figures.which_load(run.parameters) for run in found if not run.prescribed)
@@ -129,10 +159,16 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
         still=bool(cyclic) and not figures.moves(cyclic),
-        uncertain=[(run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)],
-        runs=[(run, runs.between([run.parameters, Parameters()], " instead of ")) for run in found],
+        uncertain=[
+            (run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)
+        ],
+        runs=[
+            (run, runs.between([run.parameters, Parameters()], " instead of ")) for run in found
+        ],
     )
-    pictures = {f"{figure.name}.png": figure.png for several in drawn.values() for figure in several}
+    pictures = {
+        f"{figure.name}.png": figure.png for several in drawn.values() for figure in several
+    }
     return {PAGE: page, **tables(found), **pictures}
 
 
@@ -156,14 +192,24 @@ def what_differs(found: Sequence[Run]) -> list[str]:
         lines = list(next(iter(changes.values())))
     else:
         lines = [f"{name}: {line}" for name, several in changes.items() for line in several]
-    return lines + runs.between([run.parameters for run in found if run.beside is None and run.known])
+    return lines + runs.between(
+        [run.parameters for run in found if run.beside is None and run.known]
+    )
 
 
 def first_table(found: Sequence[Run]) -> Table:
     """Compare each run's largest values, as `solve` prints them, and the means of its peaks of stance."""
-    kinds = [which for which in (FIRST, SECOND) if any((run.gathered.peaks["peak"] == which).any() for run in found)]
+    kinds = [
+        which
+        for which in (FIRST, SECOND)
+        if any((run.gathered.peaks["peak"] == which).any() for run in found)
+    ]
     columns, notes = [], ["Largest: anywhere in the recording."]
-    notes += ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."] if kinds else []
+    notes += (
+        ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."]
+        if kinds
+        else []
+    )
     for run in found:
         of, cells = run.gathered, []
         for column, name, digits in QUANTITIES:
@@ -171,15 +217,23 @@ def first_table(found: Sequence[Run]) -> Table:
             at = int(np.argmax(values))
             mark = DOUBTFUL * bool(int(of.columns["status"][at]) & Status.IMPLAUSIBLE)
             value = f"{CURVES[column].scaled(values[at], run.weight):{digits}}{mark}"
-            cells.append((f"largest {name}", NONE if column == "load_BW" and run.prescribed else value))
+            cells.append(
+                (f"largest {name}", NONE if column == "load_BW" and run.prescribed else value)
+            )
         for which in kinds:
             group = of.peaks[of.peaks["peak"] == which]
             mark = DOUBTFUL * bool((group["status"].to_numpy(int) & Status.IMPLAUSIBLE).any())
-            cells += [(f"{which} peak: {name}", _spread(group[column], digits) + mark)
-                      for column, name, digits in QUANTITIES]  # fmt: skip
+            cells += [
+                (f"{which} peak: {name}", _spread(group[column], digits) + mark)
+                for column, name, digits in QUANTITIES
+            ]
         columns.append(cells)
         stamp, what = int(of.columns["stamp"][of.largest]), of.driving.replace("_", " ")
-        if run.beside is None and kinds and not any(span.start <= stamp < span.end for span in of.spans):
+        if (
+            run.beside is None
+            and kinds
+            and not any(span.start <= stamp < span.end for span in of.spans)
+        ):
             where = f"{run.label}, at {stamp / NANOSECONDS:.3f} s,"
             notes.append(f"The largest {what} of {where} is not within a whole gait cycle.")
     return _side_by_side(columns, found, " ".join(notes))
@@ -199,9 +253,17 @@ def summary(run: Run) -> dict[str, str]:
     """Rows of the table on the whole run and its accuracy, by name."""
     of, bits = run.gathered, Counter[str]()
     stamps, state, status = of.columns["stamp"], of.columns["contact_state"], of.columns["status"]
-    apart, missing, time = state == ContactState.SEPARATED, of.strikes - len(of.spans), float(of.seconds.sum())
-    left_out = f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
-    bits.update({bit.name or "": n for bit in Status if (n := int(np.count_nonzero(status & bit)))})
+    apart, missing, time = (
+        state == ContactState.SEPARATED,
+        of.strikes - len(of.spans),
+        float(of.seconds.sum()),
+    )
+    left_out = (
+        f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
+    )
+    bits.update(
+        {bit.name or "": n for bit in Status if (n := int(np.count_nonzero(status & bit)))}
+    )
     otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
 
     def told(which: Any) -> str:
@@ -216,10 +278,14 @@ def summary(run: Run) -> dict[str, str]:
         "ticks": f"{of.ticks} in {time:.2f} s ({f'{(of.ticks - 1) / time:.0f} Hz' if time else 'one tick'})",
         "gait cycles": f"{len(of.spans)}{left_out if missing > 0 else ''}",
         "pressure": figures.pressure_of(run),
-        "in bone contact": told(state == ContactState.BONE) if run.has_bone else "the contact law has one layer",
+        "in bone contact": told(state == ContactState.BONE)
+        if run.has_bone
+        else "the contact law has one layer",
         "lifted off": told(apart),
         "error bound of the depth": _bounds(MICRO * of.columns["error_estimate"], "µm", MICRO),
-        "error bound of the contact force": _bounds(of.columns["force_error_estimate"], "N", math.inf),
+        "error bound of the contact force": _bounds(
+            of.columns["force_error_estimate"], "N", math.inf
+        ),
         "ticks not converged": str(bits.pop("NOT_CONVERGED", 0)),
         "ticks flagged otherwise": f"{otherwise}{_counted(bits)}",
         "samples refused": f"{sum(run.refused.values())}{_counted(run.refused)}",
@@ -229,7 +295,9 @@ def summary(run: Run) -> dict[str, str]:
 
 def _counted(counts: Mapping[str, int]) -> str:
     """Numbers with their reasons, in brackets."""
-    return f" ({', '.join(f'{count} × {name}' for name, count in counts.items())})" if counts else ""
+    return (
+        f" ({', '.join(f'{count} × {name}' for name, count in counts.items())})" if counts else ""
+    )
 
 
 def contribution_table(run: Run, of: Propagated) -> Table:
@@ -258,7 +326,9 @@ def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
     at = int(of.rows[run.gathered.driving].argmax())
     effects = [(deviation.name, deviation.text, *part) for deviation, part in of.parts.items()]
     effects.append((figures.ALL_OF_THEM, "", of.depth, of.force))
-    effects.append((figures.NUMERICAL, "", of.rows["error_estimate"], of.rows["force_error_estimate"]))
+    effects.append(
+        (figures.NUMERICAL, "", of.rows["error_estimate"], of.rows["force_error_estimate"])
+    )
     for name, deviation, depth, force in effects:
         rms = [float(np.sqrt(np.mean(np.square(each)))) for each in (depth, force)]
         yield name, deviation, MICRO * float(depth[at]), float(force[at]), MICRO * rms[0], rms[1]
@@ -274,7 +344,10 @@ def tables(found: Sequence[Run]) -> dict[str, str]:
     }
     if any(run.uncertain for run in found):
         several[UNCERTAINTY] = [
-            pd.DataFrame(contributions(run, run.uncertain) if run.uncertain else [], columns=[*UNCERTAINTY_COLUMNS])
+            pd.DataFrame(
+                contributions(run, run.uncertain) if run.uncertain else [],
+                columns=[*UNCERTAINTY_COLUMNS],
+            )
             for run in found
         ]
     files = {}
@@ -291,14 +364,23 @@ def curves_of(run: Run) -> pd.DataFrame:
     columns = {"gait_cycle_percent": PERCENT.astype(int), "cycles": len(run.gathered.spans)}
     for name, quantity in CURVES.items():
         curves = pd.DataFrame(quantity.scaled(run.gathered.curves[quantity.field], run.weight))
-        columns |= {f"{name}_mean": curves.mean(skipna=False), f"{name}_sd": curves.std(skipna=False)}
+        columns |= {
+            f"{name}_mean": curves.mean(skipna=False),
+            f"{name}_sd": curves.std(skipna=False),
+        }
     return pd.DataFrame(columns)[: None if run.gathered.spans else 0]
 
 
-def _side_by_side(columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run], note: str = "") -> Table:
+def _side_by_side(
+    columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run], note: str = ""
+) -> Table:
     """Make a table with a row for each quantity (name and text) that some run has, and a column for each run."""
-    rows = [(several[0][0], *(text for _, text in several)) for several in zip(*columns, strict=True)]
-    return Table(("", *(run.label for run in found)), [row for row in rows if {*row[1:]} != {NONE}], note)
+    rows = [
+        (several[0][0], *(text for _, text in several)) for several in zip(*columns, strict=True)
+    ]
+    return Table(
+        ("", *(run.label for run in found)), [row for row in rows if {*row[1:]} != {NONE}], note
+    )
 
 
 def _spread(values: pd.Series[float], digits: str) -> str:
@@ -315,6 +397,7 @@ def _bounds(errors: Any, unit: str, most: float) -> str:
         return "not in this recording"
     bounds = np.nan_to_num(errors, nan=math.inf)
     largest, median = (
-        f"{each:.2g} {unit}" if each < most else "no bound" for each in (bounds.max(), np.median(bounds))
+        f"{each:.2g} {unit}" if each < most else "no bound"
+        for each in (bounds.max(), np.median(bounds))
     )
     return f"{largest} at most, {median} median"

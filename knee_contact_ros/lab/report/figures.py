@@ -14,7 +14,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, MM, PERCENT, SECOND, Floats, Quantity, Run
+from knee_contact_ros.lab.report.runs import (
+    CURVES,
+    FIRST,
+    MM,
+    PERCENT,
+    SECOND,
+    Floats,
+    Quantity,
+    Run,
+)
 from knee_contact_ros.lab.uncertainty import LEVEL
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.parameters.schema import Parameters, has_both
@@ -38,7 +47,10 @@ LEAST_WAY = 0.01
 FEW, FEW_EVENTS, FEW_POINTS = 12, 60, 20
 """Largest numbers of single cycles drawn and of gait events marked, as more cannot be distinguished; and the number of
 points below which each one is marked, as a line alone may be invisible"""
-MARKS = {HEEL_STRIKE: {"color": "0.25", "linestyle": "-"}, TOE_OFF: {"color": "0.25", "linestyle": ":"}}
+MARKS = {
+    HEEL_STRIKE: {"color": "0.25", "linestyle": "-"},
+    TOE_OFF: {"color": "0.25", "linestyle": ":"},
+}
 BONE: Any = {"color": "0.35", "linestyle": ":", "linewidth": 1.2}
 """Line of the depth where bone begins"""
 AROUND, LEAST = 1.0, 1e-3
@@ -80,12 +92,22 @@ COMPUTED = (
 )
 """Computed ranges of the first and the second peak, with which the model's paper compares its own results"""
 MEDIAL = (
-    Range("60–80 % of the total in vivo (knee implants: 2.5–2.8 BW)", 0.6 * 2.5, 0.8 * 2.8, STANCE, (2, 3)), *COMPUTED
-)  # fmt: skip
+    Range(
+        "60–80 % of the total in vivo (knee implants: 2.5–2.8 BW)",
+        0.6 * 2.5,
+        0.8 * 2.8,
+        STANCE,
+        (2, 3),
+    ),
+    *COMPUTED,
+)
 DEPTH = Range(
-    f"in vivo, MRI and fluoroscopy: 7–23 % of {CARTILAGE_THICKNESS:g} mm", 0.07 * CARTILAGE_THICKNESS,
-    0.23 * CARTILAGE_THICKNESS, (0.0, 100.0), (5,),
-)  # fmt: skip
+    f"in vivo, MRI and fluoroscopy: 7–23 % of {CARTILAGE_THICKNESS:g} mm",
+    0.07 * CARTILAGE_THICKNESS,
+    0.23 * CARTILAGE_THICKNESS,
+    (0.0, 100.0),
+    (5,),
+)
 
 
 class Figure(NamedTuple):
@@ -100,10 +122,17 @@ class Figure(NamedTuple):
     """The picture in PNG format"""
 
 
-FLEXION, FORCE, DEPTHS, POINT, PRESSURE, PATCH = (CURVES[name] for name in (
-    "flexion_angle_deg", "contact_force_BW", "penetration_depth_mm", "contact_point_x_mm", "peak_pressure_MPa",
-    "patch_half_width_mm",
-))  # fmt: skip
+FLEXION, FORCE, DEPTHS, POINT, PRESSURE, PATCH = (
+    CURVES[name]
+    for name in (
+        "flexion_angle_deg",
+        "contact_force_BW",
+        "penetration_depth_mm",
+        "contact_point_x_mm",
+        "peak_pressure_MPa",
+        "patch_half_width_mm",
+    )
+)
 
 
 def cycles_of(run: Run, what: Quantity) -> Floats:
@@ -115,7 +144,9 @@ def cycles_of(run: Run, what: Quantity) -> Floats:
 def drawn(into: list[Figure], name: str, title: str, caption: str, height: float) -> Iterator[Any]:
     """Yield a matplotlib figure of a height [in] to draw on, then add it to the other figures as PNG."""
     file = io.BytesIO()
-    with picture.drawn(file, (WIDTH, height), DPI, **picture.GRAPHS | {"figure.dpi": DPI}) as canvas:
+    with picture.drawn(
+        file, (WIDTH, height), DPI, **picture.GRAPHS | {"figure.dpi": DPI}
+    ) as canvas:
         yield canvas
     into.append(Figure(name, title, caption, file.getvalue()))
 
@@ -136,9 +167,11 @@ def which_load(parameters: Parameters) -> str:
     """Describe the load of a run by its parameters, for the page and its tables."""
     if is_total(parameters):
         return "total: the whole axial joint reaction"
-    parts = {"moment_balance": "what balances the frontal moment of the joint reaction",
-             "measured_share": f"the share of the axial joint reaction that {parameters.load.share_file} has",
-             "fixed_share": f"{parameters.load.share:g} of the axial joint reaction"}  # fmt: skip
+    parts = {
+        "moment_balance": "what balances the frontal moment of the joint reaction",
+        "measured_share": f"the share of the axial joint reaction that {parameters.load.share_file} has",
+        "fixed_share": f"{parameters.load.share:g} of the axial joint reaction",
+    }
     return f"medial compartment: {parts[parameters.load.rule]}{'; lateral: the rest' * has_both(parameters)}"
 
 
@@ -175,13 +208,21 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
         POINT: "Position along the tibial plateau, from the tibia frame's origin, anterior positive.",
     }
     several = any(len(run.gathered.spans) > 1 for run in cyclic)
-    lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " * several
+    lines = (
+        "Thick: mean over the cycles, with one standard deviation; thin: single ones. " * several
+    )
     figures = list[Figure]()
     for what, caption in captions.items():
-        known = [run for run in cyclic if what is not FLEXION or run.beside is None]  # comparisons: the same inputs
-        known = [run for run in known if np.isfinite(cycles_of(run, what)).any()]  # earlier recordings lack some fields
+        known = [
+            run for run in cyclic if what is not FLEXION or run.beside is None
+        ]  # comparisons: the same inputs
+        known = [
+            run for run in known if np.isfinite(cycles_of(run, what)).any()
+        ]  # earlier recordings lack some fields
         if known and (what is not POINT or moves(known)):
-            with drawn(figures, what.figure, f"{what.title} over the gait cycle", lines + caption, CYCLE) as canvas:
+            with drawn(
+                figures, what.figure, f"{what.title} over the gait cycle", lines + caption, CYCLE
+            ) as canvas:
                 _panel(canvas, runs, known, what)
     return figures
 
@@ -193,15 +234,25 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
         events = group[0].gathered.events
         marks = events[events["event"].isin(list(MARKS))]
         marks = marks if len(marks) <= FEW_EVENTS else marks[:0]
-        caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." * bool(len(marks))
-        with drawn(figures, f"over_time_{number}", f"{group[0].name} over time", caption, TIME) as canvas:
+        caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." * bool(
+            len(marks)
+        )
+        with drawn(
+            figures, f"over_time_{number}", f"{group[0].name} over time", caption, TIME
+        ) as canvas:
             axes = canvas.subplots(3, 1, sharex=True)
             for axis, what in zip(axes, (FLEXION, FORCE, DEPTHS), strict=True):
                 for run in group[:1] if what is FLEXION else group:  # flexion: the same inputs
                     time, look = run.gathered.elapsed / NANOSECONDS, _look(runs, run)
-                    look |= {"linewidth": 0.7 * look["linewidth"], "marker": "." if len(time) < FEW_POINTS else None}
+                    look |= {
+                        "linewidth": 0.7 * look["linewidth"],
+                        "marker": "." if len(time) < FEW_POINTS else None,
+                    }
                     axis.plot(
-                        time, what.scaled(run.gathered.columns[what.field], run.weight), **look, label=_plain(run.label)
+                        time,
+                        what.scaled(run.gathered.columns[what.field], run.weight),
+                        **look,
+                        label=_plain(run.label),
                     )
                     if what is DEPTHS and run.has_bone:
                         axis.axhline(MM * run.parameters.contact.layer_depth, **BONE)
@@ -228,14 +279,20 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
         titles = [title for title, _ in _drawn_peaks(group[0])]
         name, height = f"The knee at the peaks: {group[0].name}", KNEE * len(group)
         with drawn(figures, f"knee_{number}", name, caption, height) as canvas:
-            for row, run in zip(canvas.subplots(len(group), len(titles), squeeze=False), group, strict=True):
+            for row, run in zip(
+                canvas.subplots(len(group), len(titles), squeeze=False), group, strict=True
+            ):
                 for axis, title, (_, tick) in zip(row, titles, _drawn_peaks(run), strict=True):
                     fields = ("flexion_angle", "femoral_height", "contact_force")
-                    angle, place, force = (float(run.gathered.columns[name][tick]) for name in fields)
+                    angle, place, force = (
+                        float(run.gathered.columns[name][tick]) for name in fields
+                    )
                     if run.model:  # as all have
                         picture.draw_knee(axis, run.model, angle, place, force, run.weight)
                     label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
-                    axis.set_title(f"{label}{title}\n{math.degrees(angle):.0f}° of flexion", fontsize=9.5)
+                    axis.set_title(
+                        f"{label}{title}\n{math.degrees(angle):.0f}° of flexion", fontsize=9.5
+                    )
     return figures
 
 
@@ -246,7 +303,12 @@ def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
         same = of.peaks[of.peaks["peak"] == which]
         if len(same):
             largest = same.loc[same["load_N"].idxmax()]
-            peaks.append((f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle", int(largest["tick"])))
+            peaks.append(
+                (
+                    f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle",
+                    int(largest["tick"]),
+                )
+            )
     what, time = of.driving.replace("_", " "), of.elapsed[of.largest] / NANOSECONDS
     return peaks or [(f"largest {what}, {time:.2f} s", of.largest)]
 
@@ -258,31 +320,49 @@ def uncertainty(runs: Sequence[Run]) -> list[Figure]:
         f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
         "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
     )
-    for number, (run, of) in enumerate(((run, run.uncertain) for run in runs if run.uncertain), start=1):
+    for number, (run, of) in enumerate(
+        ((run, run.uncertain) for run in runs if run.uncertain), start=1
+    ):
         since = (of.rows["stamp"] - of.rows["stamp"][0]) / NANOSECONDS
         shown = np.abs(since - since[int(of.rows[run.gathered.driving].argmax())]) <= AROUND
         name = f"uncertainty_{number}"
         with drawn(figures, name, f"Uncertainty: {run.label}", caption, UNCERTAIN) as canvas:
             time, (above, middle, below) = since[shown], canvas.subplots(3, 1, sharex=True)
-            bands = ((above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
-                     (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"))  # fmt: skip
+            bands = (
+                (above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
+                (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"),
+            )
             for axis, edges, values, unit, text in bands:
                 low, high = (unit * edge[shown] for edge in edges)
                 axis.fill_between(time, low, high, color=HUES[0], alpha=0.25, linewidth=0)
                 axis.plot(time, unit * values[shown], color=HUES[0], linewidth=1.8)
                 axis.set(ylabel=text, ylim=(min(0.0, float(low.min())), None))
             effects: list[tuple[Any, str, Any]] = [
-                (part, f"{each.name}, {each.text}", {"color": HUES[place % len(HUES)], "linewidth": 1.4})
+                (
+                    part,
+                    f"{each.name}, {each.text}",
+                    {"color": HUES[place % len(HUES)], "linewidth": 1.4},
+                )
                 for place, (each, (part, _)) in enumerate(of.parts.items())
                 if MICRO * np.abs(part[shown]).max() > LEAST
             ]
             effects += [  # all of them under the others
                 (of.depth, ALL_OF_THEM, {"color": "black", "linewidth": 3.0, "zorder": 1.5}),
-                (of.rows["error_estimate"], NUMERICAL, {"color": "0.35", "linewidth": 1.6, "linestyle": ":"}),
+                (
+                    of.rows["error_estimate"],
+                    NUMERICAL,
+                    {"color": "0.35", "linewidth": 1.6, "linestyle": ":"},
+                ),
             ]
             for effect, label, look in effects:
-                below.plot(time, np.maximum(MICRO * np.abs(effect[shown]), LEAST), label=label, **look)
-            below.set(yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]")
+                below.plot(
+                    time, np.maximum(MICRO * np.abs(effect[shown]), LEAST), label=label, **look
+                )
+            below.set(
+                yscale="log",
+                ylabel="effect on the depth [µm]",
+                xlabel="time since the first tick [s]",
+            )
             _legend(canvas, below)
     return figures
 
@@ -303,7 +383,10 @@ def _look(runs: Sequence[Run], run: Run) -> dict[str, Any]:
 def _legend(canvas: Any, axis: Any) -> None:
     """Add a legend below the axes, each text once, and make the figure taller by the legend's height."""
     handles, labels = axis.get_legend_handles_labels()
-    once = {textwrap.fill(label, LETTERS): handle for label, handle in zip(labels, handles, strict=True)}
+    once = {
+        textwrap.fill(label, LETTERS): handle
+        for label, handle in zip(labels, handles, strict=True)
+    }
     columns = 2 if len(once) > 3 and max(map(len, once)) <= LETTERS // 2 else 1
     canvas.legend(once.values(), once.keys(), loc="outside lower center", ncols=columns)
     width, height = canvas.get_size_inches()
@@ -321,27 +404,56 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
     """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all runs, which set the colours."""
     axis = canvas.subplots()
     for each in _ranges_of(cyclic) if what is FORCE else (DEPTH,) if what is DEPTHS else ():
-        edge: Any = {"edgecolor": "0.5", "linewidth": 3.0} if each.lowest == each.highest else {"edgecolor": "none"}
+        edge: Any = (
+            {"edgecolor": "0.5", "linewidth": 3.0}
+            if each.lowest == each.highest
+            else {"edgecolor": "none"}
+        )
         shade: Any = {"facecolor": "0.85", "zorder": 0, "alpha": 0.6} | edge
         axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
-    for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and run.has_bone}):
+    for layer in sorted(
+        {run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and run.has_bone}
+    ):
         axis.axhline(MM * layer, **BONE)
-        axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
+        axis.annotate(
+            f"bone from {MM * layer:g} mm",
+            (99.0, MM * layer),
+            ha="right",
+            va="bottom",
+            fontsize=8.5,
+        )
     for run in cyclic:
         values, look = cycles_of(run, what), _look(runs, run)
         mean = values.mean(axis=0)
         if len(values) > 1:
             spread = values.std(axis=0, ddof=1)
-            axis.fill_between(PERCENT, mean - spread, mean + spread, color=look["color"], alpha=0.15, linewidth=0)
+            axis.fill_between(
+                PERCENT, mean - spread, mean + spread, color=look["color"], alpha=0.15, linewidth=0
+            )
             axis.plot(PERCENT, values[:FEW].T, **look | {"linewidth": 0.5, "alpha": 0.5})
         axis.plot(PERCENT, mean, **look, label=_plain(run.label))
-    stances = list({run.gathered.strides["stance_percent"].mean() for run in cyclic})  # a comparison's is the same
+    stances = list(
+        {run.gathered.strides["stance_percent"].mean() for run in cyclic}
+    )  # a comparison's is the same
     for stance in stances:
         axis.axvline(stance, color="0.45", linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
-    axis.annotate("toe-off", (float(np.mean(stances)), 1.0), (0, 2), ha="center", va="bottom", fontsize=8,
-                  color="0.35", xycoords=("data", "axes fraction"), textcoords="offset points")  # fmt: skip
-    axis.set(xlabel="gait cycle [%]", ylabel=f"{what.title.lower()} [{what.unit}]", xlim=(0.0, 100.0))
+    axis.annotate(
+        "toe-off",
+        (float(np.mean(stances)), 1.0),
+        (0, 2),
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        color="0.35",
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+    )
+    axis.set(
+        xlabel="gait cycle [%]", ylabel=f"{what.title.lower()} [{what.unit}]", xlim=(0.0, 100.0)
+    )
     if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
-        pulls = min(float(cycles_of(run, what).min()) for run in cyclic) < 0.0  # as a contact law with tension does
+        pulls = (
+            min(float(cycles_of(run, what).min()) for run in cyclic) < 0.0
+        )  # as a contact law with tension does
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if pulls else 0.0)
     _legend(canvas, axis)

@@ -18,13 +18,30 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
-from knee_contact_ros.bags.reader import OWN_NAMES, Names, answer_blocks, answer_topics, names_in_bag
+from knee_contact_ros.bags.provenance import (
+    NOT_OF_THE_RESULT,
+    Provenance,
+    read_provenance,
+    with_values,
+)
+from knee_contact_ros.bags.reader import (
+    OWN_NAMES,
+    Names,
+    answer_blocks,
+    answer_topics,
+    names_in_bag,
+)
 from knee_contact_ros.lab.uncertainty import Propagated, propagated
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT, ContactState, Status
-from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve, texts_of, weight_doubt
+from knee_contact_ros.offline.solve import (
+    parameters_for,
+    parameters_in,
+    solve,
+    texts_of,
+    weight_doubt,
+)
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
@@ -32,7 +49,15 @@ from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvents
 from knee_contact_ros.streams.strides import Span, at_stamps, cut, spans, stride_of
-from knee_contact_ros.streams.topics import KNEE, KNEE_CONTACT, LATERAL, MEDIAL, NANOSECONDS, is_lateral, knee_name
+from knee_contact_ros.streams.topics import (
+    KNEE,
+    KNEE_CONTACT,
+    LATERAL,
+    MEDIAL,
+    NANOSECONDS,
+    is_lateral,
+    knee_name,
+)
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import parameter_file, refuse_twice
@@ -65,29 +90,54 @@ class Quantity(NamedTuple):
 
 
 CURVES = {
-    "flexion_angle_deg": Quantity("flexion_angle", math.degrees(1.0), "flexion", "Flexion angle", "°"),
-    "load_N": Quantity("load", 1.0), "load_BW": Quantity("load", None),
+    "flexion_angle_deg": Quantity(
+        "flexion_angle", math.degrees(1.0), "flexion", "Flexion angle", "°"
+    ),
+    "load_N": Quantity("load", 1.0),
+    "load_BW": Quantity("load", None),
     "contact_force_N": Quantity("contact_force", 1.0),
     "contact_force_BW": Quantity("contact_force", None, "contact_force", "Contact force", "BW"),
     "penetration_depth_mm": Quantity("penetration_depth", MM, "depth", "Penetration depth", "mm"),
     "bone_depth_mm": Quantity("bone_depth", MM),
     "contact_point_x_mm": Quantity("contact_point_x", MM, "contact_point", "Contact point", "mm"),
     "sliding_velocity_mm_per_s": Quantity("sliding_velocity", MM),
-    "patch_half_width_mm": Quantity("half_width", MM, "patch_half_width", "Patch half-width", "mm"),
+    "patch_half_width_mm": Quantity(
+        "half_width", MM, "patch_half_width", "Patch half-width", "mm"
+    ),
     "mean_pressure_MPa": Quantity("mean_pressure", MEGA),
-    "peak_pressure_MPa": Quantity("peak_pressure", MEGA, "peak_pressure", "Peak contact pressure", "MPa"),
+    "peak_pressure_MPa": Quantity(
+        "peak_pressure", MEGA, "peak_pressure", "Peak contact pressure", "MPa"
+    ),
     "cartilage_strain_percent": Quantity("strain", 100.0),
-}  # fmt: skip
+}
 """Curves over the gait cycle, by their names in cycles.csv"""
 CURVED = list(dict.fromkeys(each.field for each in CURVES.values()))
-FIELDS = [*(field for field in CURVED if field not in SPREAD), "gap", "stamp", "error_estimate",
-          "force_error_estimate", "femoral_height", "contact_state", "fidelity", "status", "evaluations"]  # fmt: skip
+FIELDS = [
+    *(field for field in CURVED if field not in SPREAD),
+    "gap",
+    "stamp",
+    "error_estimate",
+    "force_error_estimate",
+    "femoral_height",
+    "contact_state",
+    "fidelity",
+    "status",
+    "evaluations",
+]
 """Fields of the answers that are kept"""
 AT_EVENTS = ("load_N", "load_BW", "contact_force_N", "contact_force_BW", "penetration_depth_mm")
 """Quantities of `CURVES` that are listed at events"""
 EVENT_COLUMNS = ("event", "stamp_s", "time_s", *AT_EVENTS, "text")
-PEAK_COLUMNS = ("peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", *AT_EVENTS, "contact_force_error_N",
-                "penetration_depth_error_mm")  # fmt: skip
+PEAK_COLUMNS = (
+    "peak",
+    "stamp_s",
+    "time_s",
+    "cycle",
+    "gait_cycle_percent",
+    *AT_EVENTS,
+    "contact_force_error_N",
+    "penetration_depth_error_mm",
+)
 """Columns of events.csv and peaks.csv, after the run's label"""
 FIRST, SECOND = "first", "second"
 SECTION = "contact."
@@ -117,7 +167,9 @@ class ReportOptions(NamedTuple):
 class Gathered:
     """Totals, gait events, gait cycles and their curves of a run."""
 
-    def __init__(self, columns: Mapping[str, NDArray[Any]], body_weight: float, doubts: Doubts) -> None:
+    def __init__(
+        self, columns: Mapping[str, NDArray[Any]], body_weight: float, doubts: Doubts
+    ) -> None:
         """Gather them from answers.
 
         Args:
@@ -125,7 +177,10 @@ class Gathered:
             body_weight: body weight [N].
             doubts: doubts about the run's parameters, to which those about its answers are added.
         """
-        self.columns, self.doubts = {**columns, "status": columns["status"].astype(np.int64)}, doubts
+        self.columns, self.doubts = (
+            {**columns, "status": columns["status"].astype(np.int64)},
+            doubts,
+        )
         stamps, status = columns["stamp"], self.columns["status"]
         doubts.add_all(self.columns)
         steps = np.diff(stamps, prepend=stamps[0])
@@ -144,7 +199,10 @@ class Gathered:
             part = {name: column[begin:end] for name, column in self.columns.items()}
             finder, own = GaitEvents(body_weight), part["stamp"]
             found = sorted(finder.add(own, part["flexion_angle"], part["load"]) + finder.finish())
-            strikes, toe_offs = ([each.stamp for each in found if each.kind == kind] for kind in (HEEL_STRIKE, TOE_OFF))
+            strikes, toe_offs = (
+                [each.stamp for each in found if each.kind == kind]
+                for kind in (HEEL_STRIKE, TOE_OFF)
+            )
             self.strikes += max(len(strikes) - 1, 0)
             whole = [span for span in spans(strikes, toe_offs) if own[0] <= span.start]
             cycles += [_cycle(part, span) for span in whole]
@@ -152,21 +210,33 @@ class Gathered:
                 at = max(int(np.searchsorted(own, event.stamp, "right")) - 1, 0)
                 time = (int(self.elapsed[begin + at]) + event.stamp - int(own[at])) / NANOSECONDS
                 row = {
-                    "event": event.kind, "stamp_s": seconds(event.stamp), "time_s": time, "text": event.text,
-                    "peak": "", "tick": begin + at, "status": part["status"][at],
-                    **{name: CURVES[name].scaled(part[CURVES[name].field][at], body_weight) for name in AT_EVENTS},
+                    "event": event.kind,
+                    "stamp_s": seconds(event.stamp),
+                    "time_s": time,
+                    "text": event.text,
+                    "peak": "",
+                    "tick": begin + at,
+                    "status": part["status"][at],
+                    **{
+                        name: CURVES[name].scaled(part[CURVES[name].field][at], body_weight)
+                        for name in AT_EVENTS
+                    },
                     "contact_force_error_N": part["force_error_estimate"][at],
                     "penetration_depth_error_mm": MM * part["error_estimate"][at],
-                }  # fmt: skip
+                }
                 for number, span in enumerate(whole, start=len(self.spans) + 1):
                     if event.kind == LOAD_PEAK and span.start <= event.stamp < span.end:
                         row |= {"cycle": number, "gait_cycle_percent": span.percent(event.stamp)}
                         if event.stamp < span.toe_off:
-                            row["peak"] = FIRST if 2 * event.stamp < span.start + span.toe_off else SECOND
+                            row["peak"] = (
+                                FIRST if 2 * event.stamp < span.start + span.toe_off else SECOND
+                            )
                 events.append(row)
             self.spans += whole
         names = dict.fromkeys((*EVENT_COLUMNS, *PEAK_COLUMNS, "tick", "status"))
-        self.events = pd.DataFrame(events, columns=[*names]).sort_values("time_s", kind="stable", ignore_index=True)
+        self.events = pd.DataFrame(events, columns=[*names]).sort_values(
+            "time_s", kind="stable", ignore_index=True
+        )
         """Gait events in the order of time, with the answers at them"""
         peaks = self.events[self.events["event"] == LOAD_PEAK]
         largest = peaks[peaks["peak"] != ""].groupby(["cycle", "peak"])["load_N"].idxmax()
@@ -175,8 +245,13 @@ class Gathered:
         self.strides = pd.DataFrame([numbers for numbers, _ in cycles], columns=[*NUMBERS])
         self.strides.insert(0, "cycle", range(1, len(cycles) + 1))
         """Numbers of each cycle, `NUMBERS`, in the units of their names"""
-        self.curves = dict(zip(CURVED, np.array([c for _, c in cycles]).reshape(-1, len(CURVED), 101).swapaxes(0, 1),
-                               strict=True))  # fmt: skip
+        self.curves = dict(
+            zip(
+                CURVED,
+                np.array([c for _, c in cycles]).reshape(-1, len(CURVED), 101).swapaxes(0, 1),
+                strict=True,
+            )
+        )
         """Values of each of `CURVED` at every percent of every cycle, in SI units, shape (cycles, 101)"""
 
     @property
@@ -191,11 +266,23 @@ class Gathered:
 
 
 NUMBERS = (
-    "heel_strike_s", "duration_s", "stance_percent", "sliding_distance_mm", "largest_sliding_velocity_mm_per_s",
-    "largest_contact_force_N", "largest_penetration_depth_mm", "impulse_N_s", "stance_impulse_N_s",
-    "loading_rate_N_per_s", "bone_contact_s", "lifted_off_s", "largest_patch_half_width_mm",
-    "largest_mean_pressure_MPa", "largest_peak_pressure_MPa", "largest_cartilage_strain_percent",
-)  # fmt: skip
+    "heel_strike_s",
+    "duration_s",
+    "stance_percent",
+    "sliding_distance_mm",
+    "largest_sliding_velocity_mm_per_s",
+    "largest_contact_force_N",
+    "largest_penetration_depth_mm",
+    "impulse_N_s",
+    "stance_impulse_N_s",
+    "loading_rate_N_per_s",
+    "bone_contact_s",
+    "lifted_off_s",
+    "largest_patch_half_width_mm",
+    "largest_mean_pressure_MPa",
+    "largest_peak_pressure_MPa",
+    "largest_cartilage_strain_percent",
+)
 """Names of a cycle's characteristic values in strides.csv, with their units"""
 
 
@@ -208,20 +295,43 @@ def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, A
     """Return a cycle's characteristic values, `NUMBERS`, NaN where unknown, and its curves, shape (`CURVED`, 101)."""
     first, last = np.searchsorted(columns["stamp"], (span.start, span.end))
     near = {name: column[max(first - 1, 0) : last + 1] for name, column in columns.items()}
-    stamps, stride, unknown = near["stamp"], stride_of(span, near), np.full(len(near["stamp"]), np.nan)
-    values = np.column_stack([*(near.get(name, unknown) for name in CURVED), near["contact_state"]])
+    stamps, stride, unknown = (
+        near["stamp"],
+        stride_of(span, near),
+        np.full(len(near["stamp"]), np.nan),
+    )
+    values = np.column_stack(
+        [*(near.get(name, unknown) for name in CURVED), near["contact_state"]]
+    )
     percents = span.start + np.round((span.end - span.start) * PERCENT / 100.0).astype(np.int64)
     time, cycle = cut(stamps, values, span.start, span.end)
     steps, state = np.diff(time), cycle[:, -1]
     most = dict(zip(CURVED, cycle[:, :-1].max(axis=0).tolist(), strict=True))
-    speed = np.abs(cycle[:, CURVED.index("sliding_velocity")])[state != ContactState.SEPARATED].max(initial=0.0)
-    apart, bone = (float(steps[state[1:] == each].sum()) for each in (ContactState.SEPARATED, ContactState.BONE))
+    speed = np.abs(cycle[:, CURVED.index("sliding_velocity")])[
+        state != ContactState.SEPARATED
+    ].max(initial=0.0)
+    apart, bone = (
+        float(steps[state[1:] == each].sum())
+        for each in (ContactState.SEPARATED, ContactState.BONE)
+    )
     numbers = (
-        seconds(span.start), span.duration, span.stance, MM * stride.sliding_distance, MM * float(speed),
-        stride.peak_force, MM * stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate, bone,
-        apart, MM * most["half_width"], MEGA * most["mean_pressure"], MEGA * most["peak_pressure"],
+        seconds(span.start),
+        span.duration,
+        span.stance,
+        MM * stride.sliding_distance,
+        MM * float(speed),
+        stride.peak_force,
+        MM * stride.peak_depth,
+        stride.impulse,
+        stride.stance_impulse,
+        stride.loading_rate,
+        bone,
+        apart,
+        MM * most["half_width"],
+        MEGA * most["mean_pressure"],
+        MEGA * most["peak_pressure"],
         100.0 * most["strain"],
-    )  # fmt: skip
+    )
     return dict(zip(NUMBERS, numbers, strict=True)), at_stamps(stamps, values, percents)[:, :-1].T
 
 
@@ -258,7 +368,13 @@ def short(value: Any) -> str:
     """Text of a parameter's value, with six significant digits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else NONE if value is None or value == "" else str(value)
+    return (
+        f"{value:.6g}"
+        if isinstance(value, float)
+        else NONE
+        if value is None or value == ""
+        else str(value)
+    )
 
 
 def between(several: Sequence[Parameters | None], join: str = ", ") -> list[str]:
@@ -272,14 +388,22 @@ def between(several: Sequence[Parameters | None], join: str = ", ") -> list[str]
         row: dict[str, Any] = {}
         if each:
             law, left_out = each.contact, (SECTION, f"{LATERAL}.", *NOT_OF_THE_RESULT)
-            row = {name: own for name, own in files.flat_parameters(each).items() if not name.startswith(left_out)}
-            computed: Mapping[str, Any] = material_stiffness(law) if law.stiffness_from == "material" else {}
+            row = {
+                name: own
+                for name, own in files.flat_parameters(each).items()
+                if not name.startswith(left_out)
+            }
+            computed: Mapping[str, Any] = (
+                material_stiffness(law) if law.stiffness_from == "material" else {}
+            )
             used = {name: computed.get(name, getattr(law, name)) for name in constants_of(law.law)}
             used = {"law": law.law, **used, "allow_tension": law.allow_tension}
             row |= {SECTION + name: value for name, value in used.items()}
         rows.append(row)
     lines = []
-    for name in dict.fromkeys(name for place, row in enumerate(rows) for name in row if not place or SECTION in name):
+    for name in dict.fromkeys(
+        name for place, row in enumerate(rows) for name in row if not place or SECTION in name
+    ):
         if any(row.get(name) != rows[0].get(name) for row in rows):
             unit = files.known_parameters()[name].unit.replace("exponent", "n")
             lines.append(
@@ -343,22 +467,37 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
     over, runs = overlay(options.compare) if options.compare else {}, list[Run]()
     law = {name: value for name, value in over.items() if name.startswith(SECTION)}
     recorded = {path: answer_topics(path) for path in options.files}
-    stored = {path: _stored(path, options) if topics else None for path, topics in recorded.items()}
+    stored = {
+        path: _stored(path, options) if topics else None for path, topics in recorded.items()
+    }
     if options.parameters_given and all(stored.values()):
-        raise UsageError("--params is for bags, and every FILE is a recording with its parameters; see --compare")
+        raise UsageError(
+            "--params is for bags, and every FILE is a recording with its parameters; see --compare"
+        )
     stems = list(options.labels) or [path.stem for path in options.files]
-    made, spelled = f"Computed for this report by knee_contact_ros {__version__}", _spelled(options.parameters)
+    made, spelled = (
+        f"Computed for this report by knee_contact_ros {__version__}",
+        _spelled(options.parameters),
+    )
     for number, (path, stem) in enumerate(zip(options.files, stems, strict=True)):
         label = f"{stem} ({stems[: number + 1].count(stem)})" if stems.count(stem) > 1 else stem
-        own, assumed, several = stored[path], parameters_for(path, options.parameters), recorded[path]
+        own, assumed, several = (
+            stored[path],
+            parameters_for(path, options.parameters),
+            recorded[path],
+        )
         basis, knees = own or assumed, sorted({knee_name(topic) for topic in several})
         for knee in knees or [KNEE]:
             names = names_in_bag((), knee) if knee != KNEE else options.names
             if topics := [topic for topic in several if knee_name(topic) == knee]:
                 bar.describe(f"Reading {path.name}")
-                without = f"Recorded without its parameters; {spelled} is taken for body weight and law."
+                without = (
+                    f"Recorded without its parameters; {spelled} is taken for body weight and law."
+                )
                 origin = _recorded_with(own) if own else without
-                found = [_read(path, topic, basis, bar)._replace(origin=origin) for topic in topics]
+                found = [
+                    _read(path, topic, basis, bar)._replace(origin=origin) for topic in topics
+                ]
             else:
                 doubt = "".join(f" {sentence}." for sentence in weight_doubt(path, assumed))
                 found = _solved(path, basis, names, f"{made} with {spelled}.{doubt}", work, bar)
@@ -369,20 +508,30 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
                 uncertain = [effects.medial, effects.lateral]
             other = list[Run]()
             if over:
-                source = with_values(own._replace(changes=()), law) if own else files.load_parameters(
-                    [files.flat_parameters(assumed), law])  # fmt: skip
+                source = (
+                    with_values(own._replace(changes=()), law)
+                    if own
+                    else files.load_parameters([files.flat_parameters(assumed), law])
+                )
                 origin = f"{made}: the inputs of “{label}” with its parameters, except for the contact law of "
-                other = _solved(path, source, names, f"{origin}{_spelled(options.compare)}.", work, bar)
+                other = _solved(
+                    path, source, names, f"{origin}{_spelled(options.compare)}.", work, bar
+                )
             for run in found:
                 side = is_lateral(run.topic)
                 which = run.topic.strip("/") if len(knees) > 1 else LATERAL if side else MEDIAL
                 name = f"{label} {which}" if max(len(found), len(several)) > 1 else label
                 runs.append(run._replace(name=name, label=name, uncertain=uncertain[side]))
                 for again in (one for one in other if is_lateral(one.topic) == side):
-                    runs.append(again._replace(
-                        name=name, label=f"{name}, {' + '.join(each.stem for each in options.compare)}",
-                        topic=run.topic, beside=len(runs) - 1, kept=kept(run.parameters, over),
-                    ))  # fmt: skip
+                    runs.append(
+                        again._replace(
+                            name=name,
+                            label=f"{name}, {' + '.join(each.stem for each in options.compare)}",
+                            topic=run.topic,
+                            beside=len(runs) - 1,
+                            kept=kept(run.parameters, over),
+                        )
+                    )
     return runs
 
 
@@ -398,27 +547,35 @@ def _stored(path: Path, options: ReportOptions) -> Provenance | None:
 
 def _recorded_with(stored: Provenance) -> str:
     """Describe what a recording was made with."""
-    changed = f" They changed, or the model was reset, {len(stored.changes)} times meanwhile." * bool(stored.changes)
+    changed = (
+        f" They changed, or the model was reset, {len(stored.changes)} times meanwhile."
+        * bool(stored.changes)
+    )
     return f"Recorded with {stored.package} and the parameters stored in it.{changed}"
 
 
 def _spelled(sources: Sequence[Source]) -> str:
     """Names of parameter files, and values as on the command line."""
     return ", ".join(
-        source.name if isinstance(source, Path) else ", ".join(f"{name}:={value}" for name, value in source.items())
+        source.name
+        if isinstance(source, Path)
+        else ", ".join(f"{name}:={value}" for name, value in source.items())
         for source in sources
     )
 
 
 def _solved(
     path: Path, basis: Parameters | Provenance, names: Names, origin: str, work: Path, bar: Bar
-) -> list[Run]:  # fmt: skip
+) -> list[Run]:
     """Solve a bag into a recording in `work`; return a run for each compartment, the medial one first."""
     bar.describe(f"Solving {path.name}")
     recording = work / "solved.mcap"
     summary = solve(path, basis, recording, bar, overwrite=True, names=names)
     runs = []
-    for topic, each in ((f"/{KNEE_CONTACT}", summary), (f"/{KNEE_CONTACT}/{LATERAL}", summary.lateral)):
+    for topic, each in (
+        (f"/{KNEE_CONTACT}", summary),
+        (f"/{KNEE_CONTACT}/{LATERAL}", summary.lateral),
+    ):
         if each:
             run = _read(recording, topic, read_provenance(recording) or basis, bar)
             run.gathered.doubts.axes = each.doubts.axes
@@ -445,10 +602,14 @@ def _read(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) -> R
             read = model.readouts(block)
             for name in SPREAD:
                 parts.setdefault(name, []).append(np.asarray(read[name]))
-    gathered = Gathered({name: np.concatenate(several) for name, several in parts.items()}, own.body_weight, doubts)
+    gathered = Gathered(
+        {name: np.concatenate(several) for name, several in parts.items()}, own.body_weight, doubts
+    )
     try:
         refused = read_refused(path)
     except (OSError, ValueError):
         refused = Counter()
     damage, drawn = (stored.damage, model) if stored else ((), None)
-    return Run("", "", path, topic, own, "", refused, damage, gathered, drawn, known=stored is not None)
+    return Run(
+        "", "", path, topic, own, "", refused, damage, gathered, drawn, known=stored is not None
+    )

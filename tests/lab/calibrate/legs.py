@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS, MESSAGE_TYPES
 from tests.helpers.walking import ANGLES, FORCE, STRIDE
 
@@ -33,7 +38,9 @@ def noise(count: int, seed: int, correlation: float = 0.0, size: float = NOISE) 
     """Of a normal distribution, each like the one before as far as `correlation` says."""
     drawn = np.random.default_rng(seed).standard_normal(count)
     for place in range(1, count):
-        drawn[place] = correlation * drawn[place - 1] + math.sqrt(1.0 - correlation**2) * drawn[place]
+        drawn[place] = (
+            correlation * drawn[place - 1] + math.sqrt(1.0 - correlation**2) * drawn[place]
+        )
     return size * drawn
 
 
@@ -41,8 +48,10 @@ def sensors(stamp: int, standing: bool) -> tuple[JointState, WrenchStamped]:
     """Hip, knee and ankle, and a wrench that goes forward under the foot, of a person who walks or stands still."""
     phase = ((stamp - EPOCH) * 1e-9 / STRIDE) % 1.0
     turn = math.tau * phase
-    bumps = {at: math.exp(-(((phase - at) / wide) ** 2)) for at, wide in
-             ((0.14, 0.07), (0.72, 0.11), (0.15, 0.08), (0.47, 0.08))}  # fmt: skip
+    bumps = {
+        at: math.exp(-(((phase - at) / wide) ** 2))
+        for at, wide in ((0.14, 0.07), (0.72, 0.11), (0.15, 0.08), (0.47, 0.08))
+    }
     stance = max(math.sin(math.pi * phase / 0.62), 0.0) if phase < 0.62 else 0.0
     flexion = 0.2 if standing else 0.15 + 0.25 * bumps[0.14] + 0.95 * bumps[0.72]
     force = min(0.8 * stance**0.3 + 0.35 * (bumps[0.15] + bumps[0.47]) * stance, 1.3)
@@ -54,9 +63,15 @@ def sensors(stamp: int, standing: bool) -> tuple[JointState, WrenchStamped]:
 
 
 def write_sensors(
-    path: Path, count: int, reference: dict[int, float] | None = None, *, standing: bool = False,
-    topic: str = REFERENCE, namespace: str = "", without_angle: Collection[int] = (),
-) -> Path:  # fmt: skip
+    path: Path,
+    count: int,
+    reference: dict[int, float] | None = None,
+    *,
+    standing: bool = False,
+    topic: str = REFERENCE,
+    namespace: str = "",
+    without_angle: Collection[int] = (),
+) -> Path:
     """A bag; `reference` are axial forces [N] by stamps, on `topic`."""
     with BagWriter(path, alone=True) as writer:
         for name in LOAD_INPUTS:
@@ -75,9 +90,15 @@ def write_sensors(
 
 
 def trial(
-    folder: Path, seed: int = 0, *params: Any, count: int = 400, correlation: float = 0.0, size: float = NOISE,
-    standing: bool = False, **more: Any,
-) -> Path:  # fmt: skip
+    folder: Path,
+    seed: int = 0,
+    *params: Any,
+    count: int = 400,
+    correlation: float = 0.0,
+    size: float = NOISE,
+    standing: bool = False,
+    **more: Any,
+) -> Path:
     """A bag with what the knee bears, by the load pipeline's own answer with the true constants, and noise [N]."""
     bag = write_sensors(folder / "true.mcap", count, standing=standing)
     true = estimate_load(bag, [*params, {**BODY, **TRUE}])

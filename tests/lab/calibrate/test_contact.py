@@ -19,7 +19,9 @@ STIFFNESS, DAMPING = FREE = ["contact.stiffness", "contact.damping"]
 GOOD = "time,flexion_angle,load,penetration_depth\n"
 
 
-def fitted(table: Any, free: Any = FREE, values: dict[str, Any] | None = None, **options: Any) -> Any:
+def fitted(
+    table: Any, free: Any = FREE, values: dict[str, Any] | None = None, **options: Any
+) -> Any:
     return calibrate(table, "healthy", free, {**START, **(values or {})}, compiled=True, **options)
 
 
@@ -45,7 +47,9 @@ def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
             assert holds(found, name, found.values[name])
             assert found.intervals[name][2:] == (False, False)
             missed += not holds(found, name, TRUE[name])
-        assert found.noise["penetration_depth"] == pytest.approx(3e-6, rel=0.3)  # 5 deviations: 1/sqrt(2 x 198)
+        assert found.noise["penetration_depth"] == pytest.approx(
+            3e-6, rel=0.3
+        )  # 5 deviations: 1/sqrt(2 x 198)
         assert found.warnings == ()
     assert missed <= 1
 
@@ -53,9 +57,13 @@ def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
 def test_without_noise_the_truth_itself_is_found_and_models_take_it() -> None:
     table = trial(0, noise=0.0)
     found = fitted(table, with_intervals=False)
-    assert found.values[STIFFNESS] == pytest.approx(7.0e7, rel=1e-4)  # depths err by 1e-9 of 7e-4 m
+    assert found.values[STIFFNESS] == pytest.approx(
+        7.0e7, rel=1e-4
+    )  # depths err by 1e-9 of 7e-4 m
     assert found.values[DAMPING] == pytest.approx(4000.0, rel=1e-2)
-    np.testing.assert_allclose(found.predicted.penetration_depth, table["penetration_depth"], atol=5e-9)
+    np.testing.assert_allclose(
+        found.predicted.penetration_depth, table["penetration_depth"], atol=5e-9
+    )
     assert found.intervals == {}
     assert np.abs(found.residuals["penetration_depth"]).max() < 5e-9
     model = load_model(["healthy", FINE, found.to_parameters()], compiled=True)
@@ -66,9 +74,13 @@ def test_without_noise_the_truth_itself_is_found_and_models_take_it() -> None:
 
 def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
     table, true = trial(2), {DAMPING: 4000.0}
-    half, most = (fitted(table, [STIFFNESS], true, level=level).intervals[STIFFNESS] for level in (0.5, 0.99))
+    half, most = (
+        fitted(table, [STIFFNESS], true, level=level).intervals[STIFFNESS] for level in (0.5, 0.99)
+    )
     # Quantiles of the normal distribution: 0.674 and 2.576; of Student's with 199 degrees they differ by 1 %
-    assert (most.high - most.low) / (half.high - half.low) == pytest.approx(2.576 / 0.6745, rel=0.02)
+    assert (most.high - most.low) / (half.high - half.low) == pytest.approx(
+        2.576 / 0.6745, rel=0.02
+    )
     for size, words in ((3e-5, "too wide"), (1e-6, "too narrow")):
         found = fitted(table, [STIFFNESS], true, sigma={"penetration_depth": size})
         assert found.noise == {"penetration_depth": size}
@@ -78,11 +90,15 @@ def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
 def test_outliers_move_a_robust_fit_less() -> None:
     table = trial(3)
     table["penetration_depth"][::25] += 2e-4
-    off = {loss: abs(fitted(table, with_intervals=False, loss=loss).values[STIFFNESS] / 7.0e7 - 1.0)
-           for loss in ("linear", "soft_l1", "huber")}  # fmt: skip
+    off = {
+        loss: abs(fitted(table, with_intervals=False, loss=loss).values[STIFFNESS] / 7.0e7 - 1.0)
+        for loss in ("linear", "soft_l1", "huber")
+    }
     assert max(off["soft_l1"], off["huber"]) < 0.1 * off["linear"]
     table = trial(3)
-    table["penetration_depth"][::25] += 2e-4 * (-1.0) ** np.arange(8)  # on one side alone they would still shift it
+    table["penetration_depth"][::25] += 2e-4 * (-1.0) ** np.arange(
+        8
+    )  # on one side alone they would still shift it
     assert holds(fitted(table, [STIFFNESS], {DAMPING: 4000.0}, loss="huber"), STIFFNESS, 7.0e7)
 
 
@@ -94,8 +110,14 @@ def test_force_depth_and_gap_are_measured_where_they_are() -> None:
     depth = np.where(true.gap > 0.0, np.nan, true.penetration_depth + 3e-6 * off[0])
     gap = np.where(true.gap > 0.0, true.gap + 1e-5 * off[1], np.nan)
     contact = np.where(np.arange(len(time)) % 2, true.contact_force + 4.0 * off[2], np.nan)
-    table = {"time": time, "flexion_angle": angle, "load": force, "penetration_depth": depth, "gap": gap,
-             "contact_force": contact}  # fmt: skip
+    table = {
+        "time": time,
+        "flexion_angle": angle,
+        "load": force,
+        "penetration_depth": depth,
+        "gap": gap,
+        "contact_force": contact,
+    }
     found = fitted(table, [*FREE, "femur.mass"])
     assert np.isfinite(found.residuals["gap"]).sum() == (true.gap > 0.0).sum() > 10
     for name in found.intervals:
@@ -103,7 +125,9 @@ def test_force_depth_and_gap_are_measured_where_they_are() -> None:
     assert found.noise["contact_force"] == pytest.approx(4.0, rel=0.4)
 
 
-def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_height_is_prescribed() -> None:
+def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_height_is_prescribed() -> (
+    None
+):
     table = trial(5)
     table["axial_load"] = table.pop("load") / 0.6
     found = fitted(table, ["load.share"], TRUE)
@@ -112,37 +136,64 @@ def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_heigh
     time, angle, load = inputs()
     height = 0.0335 - 2e-4 * (0.5 - 0.5 * np.cos(8.0 * np.pi * time))
     true = load_model({**TRUE, "drive": "displacement", "femur.radius": 0.0338}, compiled=True)
-    force = true.run(time, angle, load, height).contact_force + 2.0 * np.random.default_rng(6).standard_normal(200)
-    table = {"time": time, "flexion_angle": angle, "femoral_height": height, "contact_force": force}
+    force = true.run(time, angle, load, height).contact_force + 2.0 * np.random.default_rng(
+        6
+    ).standard_normal(200)
+    table = {
+        "time": time,
+        "flexion_angle": angle,
+        "femoral_height": height,
+        "contact_force": force,
+    }
     found = fitted(table, {"femur.radius": (0.0335, 0.0345)}, {**TRUE, "drive": "displacement"})
     assert holds(found, "femur.radius", 0.0338)
 
 
 @pytest.mark.parametrize(
-    ("least", "most", "advice"), [(690.0, 710.0, "cannot tell them apart"), (20.0, 2000.0, "never one of them alone")]
+    ("least", "most", "advice"),
+    [(690.0, 710.0, "cannot tell them apart"), (20.0, 2000.0, "never one of them alone")],
 )
 def test_a_trade_off_is_told_and_how(least: float, most: float, advice: str) -> None:
     found = fitted(trial(7, least=least, most=most), [STIFFNESS, "contact.exponent"], TRUE)
-    assert told(found, "contact.stiffness and contact.exponent trade off: contact.stiffness 10 % up with", advice)
+    assert told(
+        found,
+        "contact.stiffness and contact.exponent trade off: contact.stiffness 10 % up with",
+        advice,
+    )
     assert found.correlation[0, 1] > 0.95
 
 
 def test_open_intervals_ends_of_ranges_and_what_a_model_cannot_describe_are_told() -> None:
-    found = fitted(trial(8, noise=2e-5), {STIFFNESS: None, DAMPING: (1.0, 20000.0)}, {DAMPING: 4000.0})
+    found = fitted(
+        trial(8, noise=2e-5), {STIFFNESS: None, DAMPING: (1.0, 20000.0)}, {DAMPING: 4000.0}
+    )
     assert holds(found, DAMPING, 4000.0)
     noisier = fitted(trial(8, noise=3e-4), {DAMPING: (1.0, 6000.0)}, TRUE)
     assert noisier.intervals[DAMPING][2:] == (True, True)
     assert told(noisier, "contact.damping is not bounded by the data below or above")
     # Residuals that are correlated from sample to sample: the damping is held at a wrong value
-    assert told(fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "correlated from sample to sample")
+    assert told(
+        fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "correlated from sample to sample"
+    )
     at_end = fitted(trial(9), {STIFFNESS: (8e7, 1e8)}, {DAMPING: 4000.0})
     assert told(at_end, "the fit lies at the end of its range, 8e+07")
 
 
-def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_parameters_that_others_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table, output = written(tmp_path / "trial.csv", trial(1)), tmp_path / "fitted.yaml"
     start = [f"-p{name}:={value}" for name, value in START.items()]
-    arguments = (table, *start, "--free", STIFFNESS, "--free", f"{DAMPING}=100:20000", "--output", output)
+    arguments = (
+        table,
+        *start,
+        "--free",
+        STIFFNESS,
+        "--free",
+        f"{DAMPING}=100:20000",
+        "--output",
+        output,
+    )
     assert run(*arguments) == 0
     said = capsys.readouterr()
     for words in ("95 % interval", DAMPING, "penetration_depth: RMS", f"Parameters: {output}"):
@@ -157,7 +208,18 @@ def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: 
     assert load_model(["healthy", output]).law.layers[0].damping == values[DAMPING]
     assert run(*arguments) == 2
     assert "exists already" in capsys.readouterr().err
-    assert run(*arguments, "--overwrite", "--no-intervals", "--sigma", "penetration_depth=3e-6", "--loss", "huber") == 0
+    assert (
+        run(
+            *arguments,
+            "--overwrite",
+            "--no-intervals",
+            "--sigma",
+            "penetration_depth=3e-6",
+            "--loss",
+            "huber",
+        )
+        == 0
+    )
     assert "noise given: 3e-06 m" in capsys.readouterr().out
     assert not list(tmp_path.glob("*.partial"))
 
@@ -165,42 +227,92 @@ def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: 
 FREE_DAMPING = ["--free", DAMPING]
 WRONG_OPTIONS = [
     (["--free", "contact.stifness"], "did you mean contact.stiffness?"),
-    (["--free", "contact.law"], "--free contact.law: it is not a parameter that can be fitted to "),
+    (
+        ["--free", "contact.law"],
+        "--free contact.law: it is not a parameter that can be fitted to ",
+    ),
     (["--free", "tibia.radius"], "--free tibia.radius: around 0.095 it changes no measured value"),
     (["--free", "load.share"], "around 0.5 it changes no measured value (penetration_depth)"),
-    (["--free", "contact.damping=9:1"], "range 9:1 is not allowed; two increasing numbers within 0 to 1e+09"),
-    (["--free", "contact.damping=1:10"], "it starts from 5000, outside of 1 to 10; give another value or range"),
+    (
+        ["--free", "contact.damping=9:1"],
+        "range 9:1 is not allowed; two increasing numbers within 0 to 1e+09",
+    ),
+    (
+        ["--free", "contact.damping=1:10"],
+        "it starts from 5000, outside of 1 to 10; give another value or range",
+    ),
     ([*FREE_DAMPING, *FREE_DAMPING], "--free contact.damping: it is given twice"),
-    ([*FREE_DAMPING, "--sigma", "gap=1e-6"], "--sigma gap: it was not measured; measured are penetr"),
-    ([*FREE_DAMPING, "--sigma", "penetration_depth=-1"], "it must be COLUMN=NUMBER, the number > 0"),
-    ([*FREE_DAMPING, "-p", "drive:=displacement"], "has no column femoral_height, which drive displ"),
+    (
+        [*FREE_DAMPING, "--sigma", "gap=1e-6"],
+        "--sigma gap: it was not measured; measured are penetr",
+    ),
+    (
+        [*FREE_DAMPING, "--sigma", "penetration_depth=-1"],
+        "it must be COLUMN=NUMBER, the number > 0",
+    ),
+    (
+        [*FREE_DAMPING, "-p", "drive:=displacement"],
+        "has no column femoral_height, which drive displ",
+    ),
     ([*FREE_DAMPING, "--namespace", "left"], "a table has columns, and no topics"),
 ]
 DAMAGED_TABLES = [
     (GOOD, "its columns must be equally long, with one sample or more"),
     (GOOD + "0,0,100,1e-4\n", "1 values can be fitted, for 1 parameters"),
-    (GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n", "column time must increase, by a nanosecond or more; row 2 does not"),
+    (
+        GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n",
+        "column time must increase, by a nanosecond or more; row 2 does not",
+    ),
     (f"{GOOD}s,rad,kN,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says kN of column load, and it must be in N"),
-    (f"{GOOD}s,rad,N,mm\n0,0,1,1e-4\n1,0,1,1e-4\n", "says mm of column penetration_depth, and it must be in m"),
+    (
+        f"{GOOD}s,rad,N,mm\n0,0,1,1e-4\n1,0,1,1e-4\n",
+        "says mm of column penetration_depth, and it must be in m",
+    ),
     (f"{GOOD}ms,rad,N,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says ms of column time, and it must be in s"),
-    (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
-    (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),
+    (
+        GOOD + "0,0,,1e-4\n1,0,100,1e-4\n",
+        "column load is nan in row 1; an input must be known at every sample",
+    ),
+    (
+        GOOD + "0,0,100,inf\n1,0,100,1e-4\n",
+        "column penetration_depth is inf in row 1; allowed are numbers",
+    ),
     (GOOD + "0,0,100,\n1,0,100,\n", "column penetration_depth is empty; leave it out"),
     (GOOD + "0,0,1e7,1e-4\n1,0,100,1e-4\n", "must not exceed 10 rad and 1e+06 N"),
-    ("time,flexion_angle,load\n0,0,100\n", "nothing is measured in it; one or more of the columns penetration_d"),
-    ("time,flexion_angle,penetration_depth\n0,0,1e-4\n", "it has no column load, which drive force needs"),
-    ("time,flexion_angle,load,penetration_dept\n0,0,1,1\n", "penetration_dept is not known; did you mean penetra"),
-    ("time,flexion_angle,load,load,gap\n0,0,1,1,1\n", "has 2 columns load; their names must differ"),
-    ("time,flexion_angle,load,axial_load,gap\n0,0,1,1,1\n", "columns load and axial_load are both there"),
+    (
+        "time,flexion_angle,load\n0,0,100\n",
+        "nothing is measured in it; one or more of the columns penetration_d",
+    ),
+    (
+        "time,flexion_angle,penetration_depth\n0,0,1e-4\n",
+        "it has no column load, which drive force needs",
+    ),
+    (
+        "time,flexion_angle,load,penetration_dept\n0,0,1,1\n",
+        "penetration_dept is not known; did you mean penetra",
+    ),
+    (
+        "time,flexion_angle,load,load,gap\n0,0,1,1,1\n",
+        "has 2 columns load; their names must differ",
+    ),
+    (
+        "time,flexion_angle,load,axial_load,gap\n0,0,1,1,1\n",
+        "columns load and axial_load are both there",
+    ),
 ]
 
 
 @pytest.mark.parametrize(
     ("arguments", "content", "reason"),
-    [(options, None, reason) for options, reason in WRONG_OPTIONS] + [(FREE_DAMPING, *case) for case in DAMAGED_TABLES],
+    [(options, None, reason) for options, reason in WRONG_OPTIONS]
+    + [(FREE_DAMPING, *case) for case in DAMAGED_TABLES],
 )
 def test_what_is_wrong_is_told_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], content: str | None, reason: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    content: str | None,
+    reason: str,
 ) -> None:
     table = written(tmp_path / "trial.csv", trial(1))
     if content is not None:
@@ -215,7 +327,9 @@ def test_what_is_wrong_is_told_in_one_line(
 def test_a_unit_that_is_not_known_is_told(tmp_path: Path) -> None:
     table = tmp_path / "trial.csv"
     table.write_text(f"{GOOD}sec,Radians,widgets,M\n0,0,1,1e-4\n1,0,1,1e-4\n")
-    with pytest.warns(UserWarning, match=r"^trial\.csv: 'widgets' is not a known unit \(it must be in N\)$"):
+    with pytest.warns(
+        UserWarning, match=r"^trial\.csv: 'widgets' is not a known unit \(it must be in N\)$"
+    ):
         assert read_measured(table, "force").load.tolist() == [1.0, 1.0]
 
 
@@ -224,7 +338,10 @@ def test_python_names_its_arguments() -> None:
         (["contact.dampin"], {}, {}, r"^free contact\.dampin: it is not a parameter"),
         ([DAMPING], {}, {"sigma": {"gap": 1.0}}, r"^sigma gap: it was not measured"),
         ([DAMPING], {"load": np.ones((1, 200))}, {}, r"^table: column load has shape \(1, 200\)"),
-        *(([DAMPING], {}, wrong, "is not allowed") for wrong in ({"loss": "cubic"}, {"level": 1.0}, {"starts": 0})),
+        *(
+            ([DAMPING], {}, wrong, "is not allowed")
+            for wrong in ({"loss": "cubic"}, {"level": 1.0}, {"starts": 0})
+        ),
     ):
         with pytest.raises(UsageError, match=words):
             calibrate(trial(1) | more, "healthy", free, **options)

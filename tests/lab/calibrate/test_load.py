@@ -51,14 +51,18 @@ def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str)
     how = ["load/inverse_dynamics", {"level": level}]
     bag = trial(tmp_path, 0, *how, size=0.0)
     found = fitted(bag, FREE, *how, with_intervals=False)
-    assert found.values == pytest.approx(TRUE, rel=1e-6)  # a search ends at 1e-10 of its coordinates
+    assert found.values == pytest.approx(
+        TRUE, rel=1e-6
+    )  # a search ends at 1e-10 of its coordinates
     again = calibrate(bag, [*how, BODY, found.values], FREE, starts=1, with_intervals=False)
     assert again.also == {}  # of constants that are right already nothing is gained
     assert "calibrating gains nothing: the error is 0.000 body weights" in again.warnings[-1]
     estimated = estimate_load(bag, [*how, BODY, found.to_parameters()])
     np.testing.assert_array_equal(found.predicted[AXIAL], estimated[AXIAL])
     assert estimated["calibrated"].all()
-    assert estimated["standard_deviation"][0] == pytest.approx(0.01 * WEIGHT)  # the least that is allowed
+    assert estimated["standard_deviation"][0] == pytest.approx(
+        0.01 * WEIGHT
+    )  # the least that is allowed
     assert f"level {level}" in found.remarks[0]
 
 
@@ -81,18 +85,38 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
         error = float(np.sqrt(np.mean((loads - reference) ** 2))) / WEIGHT
         assert line.startswith(f"bag {bag.name}: {error:.3f} body weights")
     left_out = [float(line.split(": ")[1].split(" ")[0]) for line in told]
-    assert found.also["standard_deviation"] == pytest.approx(np.sqrt(np.mean(np.square(left_out))), abs=1e-3)
-    assert re.search(r"takes the error from 0\.\d+ to 0\.0\d+ body weights in a bag that it has not", found.remarks[-1])
+    assert found.also["standard_deviation"] == pytest.approx(
+        np.sqrt(np.mean(np.square(left_out))), abs=1e-3
+    )
+    assert re.search(
+        r"takes the error from 0\.\d+ to 0\.0\d+ body weights in a bag that it has not",
+        found.remarks[-1],
+    )
     table = tmp_path / "table.csv"
     table.write_text("time,flexion_angle\n0,0\n", encoding="utf-8")
     words = ["--free", "person.tone", "--output", tmp_path / "me.yaml"]
-    assert run(*bags, "--no-intervals", *words, *(f"-p{name}:={value}" for name, value in BODY.items())) == 0
+    assert (
+        run(
+            *bags,
+            "--no-intervals",
+            *words,
+            *(f"-p{name}:={value}" for name, value in BODY.items()),
+        )
+        == 0
+    )
     assert "constants of the other bags" in capsys.readouterr().out
     assert run(bags[0], bags[1], bags[0], *words, "--overwrite") == 2
     assert "are the same: each bag is left out in turn" in capsys.readouterr().err
     assert run(bags[0], table, *words) == 2
-    assert "table.csv: it is not a bag; several bags can be given, but only one table" in capsys.readouterr().err
-    assert [*map(bags_in, ("a.mcap", "a.db3.partial", "a.mcap.csv"))] == [[Path("a.mcap")], [Path("a.db3.partial")], []]
+    assert (
+        "table.csv: it is not a bag; several bags can be given, but only one table"
+        in capsys.readouterr().err
+    )
+    assert [*map(bags_in, ("a.mcap", "a.db3.partial", "a.mcap.csv"))] == [
+        [Path("a.mcap")],
+        [Path("a.db3.partial")],
+        [],
+    ]
 
 
 def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
@@ -109,16 +133,30 @@ def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> N
     all_three = fitted(bag, with_intervals=False)
     pair = fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35}, with_intervals=False)
     words = "person.moment_arm_scale and person.tone trade off: person.moment_arm_scale 10 % up with person.tone"
-    assert any(each.startswith(words) and "cannot tell them apart" in each for each in pair.warnings)
+    assert any(
+        each.startswith(words) and "cannot tell them apart" in each for each in pair.warnings
+    )
     # Of three that make one number two directions are free, and any two of them may be told.
-    trades = [each for each in all_three.warnings if "trade off" in each and "cannot tell them apart" in each]
+    trades = [
+        each
+        for each in all_three.warnings
+        if "trade off" in each and "cannot tell them apart" in each
+    ]
     assert all(any(name in each for each in trades) for name in FREE)
 
 
-def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(tmp_path: Path) -> None:
-    true = fitted(trial(tmp_path, 3, size=0.0), [TONE], TRUE, with_intervals=False).measured.answers[AXIAL]
+def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(
+    tmp_path: Path,
+) -> None:
+    true = fitted(
+        trial(tmp_path, 3, size=0.0), [TONE], TRUE, with_intervals=False
+    ).measured.answers[AXIAL]
     # Every third stamp has a reference, but none of a quarter second; and for so long no angle comes.
-    reference = {EPOCH + STEP * place: float(true[place]) for place in range(0, 400, 3) if not 100 < place < 125}
+    reference = {
+        EPOCH + STEP * place: float(true[place])
+        for place in range(0, 400, 3)
+        if not 100 < place < 125
+    }
     bag = write_sensors(tmp_path / "gaps.mcap", 400, reference, without_angle=range(201, 226))
     found = fitted(bag, with_intervals=False)
     column = found.measured.answers[AXIAL]
@@ -127,43 +165,86 @@ def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(t
     assert found.measured.number == 400 - 25 - 26
     assert "samples: 349 fitted; left out: 25 flagged, 26 without a reference" in found.remarks
     assert found.residuals[AXIAL].shape == (400,)
-    assert found.values[TONE] == pytest.approx(0.25, rel=0.1)  # interpolated over 30 ms, it is a bit off
+    assert found.values[TONE] == pytest.approx(
+        0.25, rel=0.1
+    )  # interpolated over 30 ms, it is a bit off
 
 
 def test_the_command_writes_parameters_that_the_load_node_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, output = trial(tmp_path, 4, correlation=0.8), tmp_path / "me.yaml"
-    words = [f"-p{name}:={value}" for name, value in BODY.items()] + [f"--free={name}" for name in FREE]
+    words = [f"-p{name}:={value}" for name, value in BODY.items()] + [
+        f"--free={name}" for name in FREE
+    ]
     assert run(bag, "--params", "load/insole", *words, "--starts", 1, "--output", output) == 0
     said = capsys.readouterr()
-    for part in ("95 % interval", "person.co_contraction", "axial_force: RMS", "body weights, r 0.9", "400 fitted"):
+    for part in (
+        "95 % interval",
+        "person.co_contraction",
+        "axial_force: RMS",
+        "body weights, r 0.9",
+        "400 fitted",
+    ):
         assert part in said.out
-    assert re.search(r"warning: axial_force: the residuals are correlated .*: 400 samples count as \d+, and", said.err)
+    assert re.search(
+        r"warning: axial_force: the residuals are correlated .*: 400 samples count as \d+, and",
+        said.err,
+    )
     parameters = load_parameters(["load/insole", str(output)], LoadParameters)
     assert parameters.calibrated
     assert 0.05 < parameters.standard_deviation < 0.15  # 60 N of 686 N
     assert parameters.person.moment_arm_scale == pytest.approx(0.9, rel=0.1)
-    assert set(values_set_in(output, LoadParameters)) == {*FREE, "calibrated", "standard_deviation"}
+    assert set(values_set_in(output, LoadParameters)) == {
+        *FREE,
+        "calibrated",
+        "standard_deviation",
+    }
     text = output.read_text(encoding="utf-8")
     for part in (
         "insole.yaml, person.mass 70.0",
         "# Data: trial.mcap, sha256 ",
         "# Standard_deviation is the RMS error on these data; on another trial of the same person",
     ):
-        assert part in text  # fmt: skip
-    assert main(["estimate-load", str(bag), "--params", str(output), "--output", str(tmp_path / "out.mcap")]) == 0
+        assert part in text
+    assert (
+        main(
+            [
+                "estimate-load",
+                str(bag),
+                "--params",
+                str(output),
+                "--output",
+                str(tmp_path / "out.mcap"),
+            ]
+        )
+        == 0
+    )
     assert "fitted to this person's knee" in capsys.readouterr().out
 
 
 def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = trial(tmp_path, 5, topic="/implant/force")
-    words = ("--free", TONE, "--starts", 1, "--no-intervals", "--output", tmp_path / "me.yaml", "--overwrite")
+    words = (
+        "--free",
+        TONE,
+        "--starts",
+        1,
+        "--no-intervals",
+        "--output",
+        tmp_path / "me.yaml",
+        "--overwrite",
+    )
     assert run(bag, *words) == 2
     assert "has no topic /joint_reaction_force" in (said := capsys.readouterr().err)
-    assert "its topics: /ground_reaction_force, /implant/force, /joint_states; --remap joint_reaction_force:=" in said
+    assert (
+        "its topics: /ground_reaction_force, /implant/force, /joint_states; --remap joint_reaction_force:="
+        in said
+    )
     assert run(bag, *words, "--remap", "joint_reaction_force:=/implant/force") == 0
-    found = fitted(bag, [TONE], remap={"joint_reaction_force": "/implant/force"}, with_intervals=False)
+    found = fitted(
+        bag, [TONE], remap={"joint_reaction_force": "/implant/force"}, with_intervals=False
+    )
     assert found.values[TONE] > 0.0
     (tmp_path / "left").mkdir()
     bag = trial(tmp_path / "left", 5, namespace="/left")
@@ -172,39 +253,99 @@ def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert run(bag, *words, "--namespace", "left") == 0
 
 
-def test_an_estimate_of_our_own_is_no_reference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_estimate_of_our_own_is_no_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = write_sensors(tmp_path / "sensors.mcap", 200)
     assert main(["estimate-load", str(bag), "--output", str(tmp_path / "loads.mcap")]) == 0
-    assert run(tmp_path / "loads.mcap", "--free", TONE, "--starts", 1, "--output", tmp_path / "me.yaml") == 0
-    assert "the bag also has /load_estimate: its /joint_reaction_force is likely an estimate" in capsys.readouterr().err
+    assert (
+        run(
+            tmp_path / "loads.mcap",
+            "--free",
+            TONE,
+            "--starts",
+            1,
+            "--output",
+            tmp_path / "me.yaml",
+        )
+        == 0
+    )
+    assert (
+        "the bag also has /load_estimate: its /joint_reaction_force is likely an estimate"
+        in capsys.readouterr().err
+    )
 
 
 WHOLE = {EPOCH + STEP * place: 500.0 for place in range(150)}
 CASES = [
     (None, FREE, [], "joint_states; --remap joint_reaction_force:=TOPIC names a measured"),
-    ({EPOCH - STEP: 500.0, EPOCH - 2 * STEP: 500.0}, FREE, [],
-     "no sample can be fitted to the reference (150 without a reference)"),
-    ({EPOCH: float("nan"), EPOCH + STEP: float("inf")}, FREE, [],
-     "no message on /joint_reaction_force can be a reference (2 not_finite)"),
-    ({EPOCH + STEP: 500.0}, FREE, [],
-     "1 values can be fitted, for 3 parameters; more are needed than parameters are free"),
+    (
+        {EPOCH - STEP: 500.0, EPOCH - 2 * STEP: 500.0},
+        FREE,
+        [],
+        "no sample can be fitted to the reference (150 without a reference)",
+    ),
+    (
+        {EPOCH: float("nan"), EPOCH + STEP: float("inf")},
+        FREE,
+        [],
+        "no message on /joint_reaction_force can be a reference (2 not_finite)",
+    ),
+    (
+        {EPOCH + STEP: 500.0},
+        FREE,
+        [],
+        "1 values can be fitted, for 3 parameters; more are needed than parameters are free",
+    ),
     (WHOLE, ["person.ton"], [], "trial.mcap; did you mean person.tone?"),
-    (WHOLE, ["contact.stiffness"], [], "--free contact.stiffness: it is not a parameter that can be fitted to bag"),
+    (
+        WHOLE,
+        ["contact.stiffness"],
+        [],
+        "--free contact.stiffness: it is not a parameter that can be fitted to bag",
+    ),
     (WHOLE, [], [], "Missing option '--free'"),
-    (WHOLE, [TONE], ["--params", "healthy"], "no parameters for node knee_load; found /**/knee_contact"),
-    (WHOLE, [TONE], ["-p", "person.ton:=1"], "unknown parameter person.ton; did you mean person.tone?"),
-    (WHOLE, [TONE], ["-p", "knee.joint_name:=kne"], "joint_states has no joint 'kne'; it has hip, knee, an"),
-    (WHOLE, [TONE], ["--remap", "force:=/x"], "FROM must be joint_states or ground_reaction_force or joint"),
-]  # fmt: skip
+    (
+        WHOLE,
+        [TONE],
+        ["--params", "healthy"],
+        "no parameters for node knee_load; found /**/knee_contact",
+    ),
+    (
+        WHOLE,
+        [TONE],
+        ["-p", "person.ton:=1"],
+        "unknown parameter person.ton; did you mean person.tone?",
+    ),
+    (
+        WHOLE,
+        [TONE],
+        ["-p", "knee.joint_name:=kne"],
+        "joint_states has no joint 'kne'; it has hip, knee, an",
+    ),
+    (
+        WHOLE,
+        [TONE],
+        ["--remap", "force:=/x"],
+        "FROM must be joint_states or ground_reaction_force or joint",
+    ),
+]
 
 
 @pytest.mark.parametrize(("reference", "free", "options", "reason"), CASES)
 def test_what_is_wrong_is_told_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], reference: dict[int, float] | None, free: list[str],
-    options: list[str], reason: str,
-) -> None:  # fmt: skip
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    reference: dict[int, float] | None,
+    free: list[str],
+    options: list[str],
+    reason: str,
+) -> None:
     bag = write_sensors(tmp_path / "trial.mcap", 150, reference)
-    assert run(bag, "--output", tmp_path / "me.yaml", *(f"--free={name}" for name in free), *options) == 2
+    assert (
+        run(bag, "--output", tmp_path / "me.yaml", *(f"--free={name}" for name in free), *options)
+        == 2
+    )
     (line,) = capsys.readouterr().err.splitlines()
     assert reason in line
     assert list(tmp_path.iterdir()) == [bag]

@@ -33,16 +33,22 @@ def answers(values: dict[str, Any] | None = None, **limits: float) -> Any:
     return load_model({**TRUE, **FINE, **(values or {})}, compiled=True).run(*inputs(**limits))
 
 
-def trial(seed: int, noise: float = NOISE, values: dict[str, Any] | None = None, **limits: float) -> dict[str, Floats]:
+def trial(
+    seed: int, noise: float = NOISE, values: dict[str, Any] | None = None, **limits: float
+) -> dict[str, Floats]:
     """A table with the depth measured."""
     time, angle, load = inputs(**limits)
-    depth = answers(values, **limits).penetration_depth + noise * np.random.default_rng(seed).standard_normal(len(time))
+    depth = answers(values, **limits).penetration_depth + noise * np.random.default_rng(
+        seed
+    ).standard_normal(len(time))
     return {"time": time, "flexion_angle": angle, "load": load, "penetration_depth": depth}
 
 
 def written(path: Path, table: dict[str, Floats]) -> Path:
     """Its file; what is not a number is an empty cell."""
     rows = zip(*table.values(), strict=True)
-    lines = [",".join("" if math.isnan(cell) else repr(float(cell)) for cell in row) for row in rows]
+    lines = [
+        ",".join("" if math.isnan(cell) else repr(float(cell)) for cell in row) for row in rows
+    ]
     path.write_text("\n".join(["# made", ",".join(table), *lines]) + "\n", encoding="utf-8")
     return path

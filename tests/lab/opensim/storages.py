@@ -25,7 +25,12 @@ JOINT = (
     '<CustomJoint name="{0}"><coordinates><Coordinate name="{1}"><range>{2}</range></Coordinate></coordinates>'
     "</CustomJoint>"
 )
-JOINTS = (("hip", "hip_flexion"), ("walker_knee", "knee_angle"), ("ankle", "ankle_angle"), ("subtalar", "turn"))
+JOINTS = (
+    ("hip", "hip_flexion"),
+    ("walker_knee", "knee_angle"),
+    ("ankle", "ankle_angle"),
+    ("subtalar", "turn"),
+)
 FREE = (1.0, 7.0, -2.0)
 """[N m] free moment of a plate"""
 PLATE_TIME = np.linspace(0.0, DURATION, 241)
@@ -33,12 +38,17 @@ STANDS = PLATE_TIME < 0.7
 """Then the foot is in the air"""
 
 
-def write_storage(path: Path, time: np.ndarray, columns: Mapping[str, np.ndarray], degrees: str | None = None) -> Path:
+def write_storage(
+    path: Path, time: np.ndarray, columns: Mapping[str, np.ndarray], degrees: str | None = None
+) -> Path:
     """A file with these columns; `degrees` is the header's inDegrees, if it has one."""
     header = [path.stem, "version=1", f"nRows={len(time)}", f"nColumns={len(columns) + 1}"]
     header += [f"inDegrees={degrees}"] if degrees else []
     lines = [*header, "", "Units are S.I. units", "endheader", "\t".join(["time", *columns])]
-    lines += ["\t".join(f"{value:20.12f}" for value in row) for row in np.column_stack([time, *columns.values()])]
+    lines += [
+        "\t".join(f"{value:20.12f}" for value in row)
+        for row in np.column_stack([time, *columns.values()])
+    ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
@@ -49,12 +59,19 @@ def flexion(time: np.ndarray) -> np.ndarray:
 
 
 def kinematics(
-    path: Path, sign: float = -1.0, unit: str = "deg", header: str | None = "yes", names: str = "knee_angle_{}"
+    path: Path,
+    sign: float = -1.0,
+    unit: str = "deg",
+    header: str | None = "yes",
+    names: str = "knee_angle_{}",
 ) -> Path:
     """Angles of both knees, the left one half a step later."""
     time = np.linspace(0.0, DURATION, 121)
     factor = np.degrees(1.0) if unit == "deg" else 1.0
-    columns = {names.format(side): sign * factor * flexion(time + shift) for side, shift in (("r", 0.0), ("l", 0.6))}
+    columns = {
+        names.format(side): sign * factor * flexion(time + shift)
+        for side, shift in (("r", 0.0), ("l", 0.6))
+    }
     hip = {"hip_flexion_r": 20.0 * np.sin(time), "knee_angle_r_beta": columns[names.format("r")]}
     return write_storage(path, time, hip | columns, header)
 
@@ -62,34 +79,62 @@ def kinematics(
 def reaction_columns(time: np.ndarray, sign: float = 1.0) -> list[np.ndarray]:
     """What acts on a tibia, one column an axis: two load peaks, and something on every other axis."""
     load = 900.0 + 900.0 * np.sin(2.0 * np.pi * time / DURATION) ** 2
-    return [sign * values for values in (0.1 * load, -load, 60.0 + time, 9.0 + time, 3.0 - time, 1.0 + time)]
+    return [
+        sign * values
+        for values in (0.1 * load, -load, 60.0 + time, 9.0 + time, 3.0 - time, 1.0 + time)
+    ]
 
 
 def reactions(
-    path: Path, prefix: str = TIBIA, sign: float = 1.0, rows: int = 1201, start: float = 0.0, end: float = DURATION
+    path: Path,
+    prefix: str = TIBIA,
+    sign: float = 1.0,
+    rows: int = 1201,
+    start: float = 0.0,
+    end: float = DURATION,
 ) -> Path:
     """Reactions of both knees, without points of application but zeros."""
     time = np.linspace(start, end, rows)
     values = [*reaction_columns(time, sign), *[np.zeros_like(time)] * 3]
-    columns = {prefix.format(side) + axis: column for side in "rl" for axis, column in zip(AXES, values, strict=True)}
+    columns = {
+        prefix.format(side) + axis: column
+        for side in "rl"
+        for axis, column in zip(AXES, values, strict=True)
+    }
     return write_storage(path, time, columns, "no")
 
 
 def plate(stem: str, torque: str = "", time: np.ndarray = PLATE_TIME) -> dict[str, np.ndarray]:
     """Columns of a plate that a foot stands on, 0.1 m ahead of the ankle; nothing of it is a number in the air."""
     forces, points = (50.0 + time, 700.0 - 100.0 * time, -40.0 + time), (0.5, 0.0, 0.12)
-    columns = {f"{stem}v{axis}": np.where(STANDS, force, 0.0) for axis, force in zip("xyz", forces, strict=True)}
-    columns |= {f"{stem}p{axis}": np.where(STANDS, at, np.nan) for axis, at in zip("xyz", points, strict=True)}
-    free = {torque + axis: np.where(STANDS, value, 3.0) for axis, value in zip("xyz", FREE, strict=True)}
+    columns = {
+        f"{stem}v{axis}": np.where(STANDS, force, 0.0)
+        for axis, force in zip("xyz", forces, strict=True)
+    }
+    columns |= {
+        f"{stem}p{axis}": np.where(STANDS, at, np.nan)
+        for axis, at in zip("xyz", points, strict=True)
+    }
+    free = {
+        torque + axis: np.where(STANDS, value, 3.0)
+        for axis, value in zip("xyz", FREE, strict=True)
+    }
     return columns | (free if torque else {})
 
 
 def write_plates(path: Path, *columns: Mapping[str, np.ndarray]) -> Path:
     """A .mot file with these plates."""
-    return write_storage(path, PLATE_TIME, {name: values for each in columns for name, values in each.items()}, "yes")
+    return write_storage(
+        path,
+        PLATE_TIME,
+        {name: values for each in columns for name, values in each.items()},
+        "yes",
+    )
 
 
-def external(body: str, stem: str = "ground_force_", torque: str = "ground_torque_", more: str = "") -> str:
+def external(
+    body: str, stem: str = "ground_force_", torque: str = "ground_torque_", more: str = ""
+) -> str:
     """An external force on a body."""
     return FORCE.format(body=body, stem=stem, torque=torque, more=more)
 
@@ -100,10 +145,14 @@ def write_loads(path: Path, data: str, forces: Sequence[str]) -> Path:
     return path
 
 
-def write_model(path: Path, joints: Sequence[tuple[str, str]] = (), bounds: str = "-2.0943951 0.17453293") -> Path:
+def write_model(
+    path: Path, joints: Sequence[tuple[str, str]] = (), bounds: str = "-2.0943951 0.17453293"
+) -> Path:
     """A model's file of 72.6 kg, as far as names of joints and coordinates go: those of both legs, or these."""
     both = [(f"{joint}_{side}", f"{angle}_{side}") for side in "rl" for joint, angle in JOINTS]
-    path.write_text(MODEL.format("".join(JOINT.format(*names, bounds) for names in joints or both)))
+    path.write_text(
+        MODEL.format("".join(JOINT.format(*names, bounds) for names in joints or both))
+    )
     return path
 
 

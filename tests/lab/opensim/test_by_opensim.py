@@ -32,7 +32,10 @@ pytestmark = needs_opensim
 BODY_WEIGHT = 711.96
 """[N] of the scaled subject"""
 SUBJECT = {"person.mass": 72.6, "person.height": 1.8}
-KINEMATICS, REACTIONS = "reference_CMC_Kinematics_q.sto", "reference_JointReaction_ReactionLoads.sto"
+KINEMATICS, REACTIONS = (
+    "reference_CMC_Kinematics_q.sto",
+    "reference_JointReaction_ReactionLoads.sto",
+)
 LOADS = "subject01_walk1_grf.xml"
 POINTS = [f"knee_r_on_tibia_r_in_tibia_r_p{axis}" for axis in "xyz"]
 QUICK = ("--steps", "scale,ik,static")
@@ -68,7 +71,12 @@ def example(reference_data: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def scaled(example: Path) -> Path:
     """The example with the subject's model, subject01_simbody.osim."""
-    assert run_python(child.__name__, ("ScaleTool", "subject01_Setup_Scale.xml"), example, example / "log") == 0
+    assert (
+        run_python(
+            child.__name__, ("ScaleTool", "subject01_Setup_Scale.xml"), example, example / "log"
+        )
+        == 0
+    )
     return example
 
 
@@ -81,7 +89,9 @@ REACTION = """<JointReaction name="{0}_{1}"><joint_names>knee_{2}</joint_names><
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data: Path, tmp_path: Path, side: str) -> None:
+def test_reactions_in_other_frames_are_turned_as_opensim_does(
+    reference_data: Path, tmp_path: Path, side: str
+) -> None:
     """Against what JointReaction itself says of the tibia in its frame, in the same run."""
     example, frames = reference_data / "opensim_gait2354", ("child", "parent", "ground")
     kinds = [(body, frame) for body in ("child", "parent") for frame in frames]
@@ -89,19 +99,27 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data: Pa
     shutil.copyfile(example / KINEMATICS, tmp_path / "q.sto")
     analyses = "".join(REACTION.format(*kind, side[0]) for kind in kinds)
     (tmp_path / "setup.xml").write_text(EXPRESSED.format(analyses))
-    assert run_python(child.__name__, ("AnalyzeTool", "setup.xml"), tmp_path, tmp_path / "log") == 0
+    assert (
+        run_python(child.__name__, ("AnalyzeTool", "setup.xml"), tmp_path, tmp_path / "log") == 0
+    )
     found = {}
     for kind in kinds:
         reactions = tmp_path / f"x_{'_'.join(kind)}_ReactionLoads.sto"
         files = Files(tmp_path / "q.sto", reactions, model=tmp_path / "model.osim")
-        found[kind] = read_knee(side, files, Settings(anyway=True), tmp_path).wrenches["load"].values
+        found[kind] = (
+            read_knee(side, files, Settings(anyway=True), tmp_path).wrenches["load"].values
+        )
     ours = found["child", "child"]
-    assert np.abs(ours[:, 1]).max() > 5e4  # nothing but gravity and inertia; the muscles pull as their tone does
+    assert (
+        np.abs(ours[:, 1]).max() > 5e4
+    )  # nothing but gravity and inertia; the muscles pull as their tone does
     for kind, wrench in found.items():
         np.testing.assert_allclose(wrench, ours, rtol=0.0, atol=0.01, err_msg=f"{kind} [N, N m]")
 
 
-def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(reference_data: Path, tmp_path: Path) -> None:
+def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(
+    reference_data: Path, tmp_path: Path
+) -> None:
     """What OpenSim says of the tibia, told by two bodies on it that are turned and lie beside its axis."""
     import opensim
 
@@ -112,10 +130,17 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(reference_data
         "lat": (0.35, [0.0, -0.02, 0.025], [0.0, -0.3, 0.1]),
     }
     for name, (_, place, turn) in halves.items():
-        body, on = opensim.Body(f"{name}_cond_r", 1e-9, opensim.Vec3(0), opensim.Inertia(1e-9)), (opensim.Vec3(0),) * 2
+        body, on = (
+            opensim.Body(f"{name}_cond_r", 1e-9, opensim.Vec3(0), opensim.Inertia(1e-9)),
+            (opensim.Vec3(0),) * 2,
+        )
         model.addBody(body)
         at = opensim.Vec3(*place), opensim.Vec3(*turn)
-        model.addJoint(opensim.WeldJoint(f"{name}_cond_joint_r", model.getBodySet().get("tibia_r"), *at, body, *on))
+        model.addJoint(
+            opensim.WeldJoint(
+                f"{name}_cond_joint_r", model.getBodySet().get("tibia_r"), *at, body, *on
+            )
+        )
     model.finalizeConnections()
     model.printToXML(str(tmp_path / "model.osim"))
     whole = Files(example / KINEMATICS, example / REACTIONS)
@@ -128,16 +153,19 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(reference_data
         to_tibia = Rotation.from_euler("XYZ", turn).as_matrix()
         parts = np.hstack([share * force @ to_tibia, share * torque @ to_tibia])
         columns |= {
-            f"{name}_cond_joint_r_on_{name}_cond_r_in_{name}_cond_r_{a}": c for a, c in zip(AXES, parts.T, strict=True)
+            f"{name}_cond_joint_r_on_{name}_cond_r_in_{name}_cond_r_{a}": c
+            for a, c in zip(AXES, parts.T, strict=True)
         }
     jr = write_storage(tmp_path / "jr.sto", table.stamps / NANOSECONDS, columns, "no")
     parts_of = whole._replace(reactions=jr, model=tmp_path / "model.osim")
     ours, found = (
-        read_knee("right", files, Settings(), tmp_path).wrenches["load"].values for files in (whole, parts_of)
+        read_knee("right", files, Settings(), tmp_path).wrenches["load"].values
+        for files in (whole, parts_of)
     )
     np.testing.assert_allclose(found, ours, rtol=0.0, atol=0.01)
     with pytest.raises(
-        UsageError, match=r"med_cond_joint_r_on_med_cond_r_in_med_cond_r_fx is in med_cond_r, .*--model M"
+        UsageError,
+        match=r"med_cond_joint_r_on_med_cond_r_in_med_cond_r_fx is in med_cond_r, .*--model M",
     ):
         read_knee("right", parts_of._replace(model=None), Settings(), tmp_path)
 
@@ -148,38 +176,76 @@ def test_a_model_whose_coordinates_are_not_all_known_turns_nothing(
     """Ground needs the whole leg and the pelvis; Moco's reactions are in ground."""
     example = reference_data / "opensim_gait2354"
     kinematics = read_storage(example / KINEMATICS)
-    known = {name: kinematics.column(name) for name in kinematics.names if name != "hip_rotation_r"}
+    known = {
+        name: kinematics.column(name) for name in kinematics.names if name != "hip_rotation_r"
+    }
     short = write_storage(tmp_path / "q.sto", kinematics.stamps / NANOSECONDS, known, "yes")
     force = -700.0 + 0.0 * known["knee_angle_r"]
     moco = {f"/jointset/knee_r|reaction_on_child_{place}": force for place in range(1, 7)}
     reactions = write_storage(tmp_path / "jr.sto", kinematics.stamps / NANOSECONDS, moco, None)
-    model = [f"--model={example / 'gait2354_simbody.osim'}", "--side=right", "--rate=0", f"--output={tmp_path / 'bag'}"]
+    model = [
+        f"--model={example / 'gait2354_simbody.osim'}",
+        "--side=right",
+        "--rate=0",
+        f"--output={tmp_path / 'bag'}",
+    ]
     for angles, words in (
-        (short, "has no coordinate hip_rotation_r of gait2354_simbody.osim, by which tibia_r moves in ground"),
+        (
+            short,
+            "has no coordinate hip_rotation_r of gait2354_simbody.osim, by which tibia_r moves in ground",
+        ),
         (example / KINEMATICS, ""),
     ):
-        code = main(["import-opensim", "--kinematics", str(angles), "--reactions", str(reactions), *model])
+        code = main(
+            ["import-opensim", "--kinematics", str(angles), "--reactions", str(reactions), *model]
+        )
         assert code == (2 if words else 0)
         assert words in capsys.readouterr().err
-    forces = [message for message in read_bag(tmp_path / "bag", INPUT_TYPES) if message.topic.endswith("force")]
-    size = [np.linalg.norm([m.message.wrench.force.x, m.message.wrench.force.y, m.message.wrench.force.z])
-            for m in forces]  # fmt: skip
+    forces = [
+        message
+        for message in read_bag(tmp_path / "bag", INPUT_TYPES)
+        if message.topic.endswith("force")
+    ]
+    size = [
+        np.linalg.norm(
+            [m.message.wrench.force.x, m.message.wrench.force.y, m.message.wrench.force.z]
+        )
+        for m in forces
+    ]
     np.testing.assert_allclose(size, 700.0 * np.sqrt(3.0), atol=1e-6)
 
 
 def command(folder: Path, output: Path, *more: str) -> list[str]:
-    return ["import-opensim", "--setup", str(folder), "--side", "right", "--output", str(output), *more]
+    return [
+        "import-opensim",
+        "--setup",
+        str(folder),
+        "--side",
+        "right",
+        "--output",
+        str(output),
+        *more,
+    ]
 
 
 def of_results(folder: Path, ground: Path, output: Path) -> list[str]:
     names = {"kinematics": folder / KINEMATICS, "reactions": folder / REACTIONS}
     names |= {"model": folder / "subject01_simbody.osim", "ground": ground, "output": output}
-    return ["import-opensim", *(f"--{name}={path}" for name, path in names.items()), "--side", "both"]
+    return [
+        "import-opensim",
+        *(f"--{name}={path}" for name, path in names.items()),
+        "--side",
+        "both",
+    ]
 
 
 def loads_in(bag: Path) -> list[float]:
     """Axial loads [N]."""
-    return [-m.message.wrench.force.y for m in read_bag(bag, INPUT_TYPES) if m.topic == "/joint_reaction_force"]
+    return [
+        -m.message.wrench.force.y
+        for m in read_bag(bag, INPUT_TYPES)
+        if m.topic == "/joint_reaction_force"
+    ]
 
 
 def test_scaling_kinematics_and_static_optimization_make_a_bag(
@@ -189,18 +255,34 @@ def test_scaling_kinematics_and_static_optimization_make_a_bag(
     bag, work = tmp_path / "walk", tmp_path / "work"
     assert main(command(example, bag, *QUICK, "--work", str(work), "--ground")) == 0
     said = capsys.readouterr().out
-    for part in ("scale", "static", "residual moment", "reserve knee_angle_r", "marker error, the wo"):
+    for part in (
+        "scale",
+        "static",
+        "residual moment",
+        "reserve knee_angle_r",
+        "marker error, the wo",
+    ):
         assert part in said
-    assert {path: path.stat().st_mtime_ns for path in example.rglob("*")} == before  # the user's folder is left alone
+    assert {
+        path: path.stat().st_mtime_ns for path in example.rglob("*")
+    } == before  # the user's folder is left alone
     assert sorted(path.name for path in tmp_path.glob("walk*")) == ["walk"]
-    assert {path.stem for path in (work / "logs").iterdir()} == {"scale", "ik", "static", "reactions", "dynamics"}
+    assert {path.stem for path in (work / "logs").iterdir()} == {
+        "scale",
+        "ik",
+        "static",
+        "reactions",
+        "dynamics",
+    }
     record = origin(bag)
     assert record["source"].startswith("OpenSim 4.")
     assert "static: knee_contact_static.xml" in record["steps"]
     assert "residual force: peak" in record["quality"]
     # Single stance: the knee carries some two to four body weights, and the ground about one, ahead of the ankle.
     assert 1.5 * BODY_WEIGHT < np.mean(loads_in(bag)) < 4.5 * BODY_WEIGHT
-    wrenches = [m.message.wrench for m in read_bag(bag, TOPICS) if m.topic == "/ground_reaction_force"]
+    wrenches = [
+        m.message.wrench for m in read_bag(bag, TOPICS) if m.topic == "/ground_reaction_force"
+    ]
     assert len(wrenches) > 20  # a tenth of a second, as the kinematics have it
     assert all(450.0 < wrench.force.y < 850.0 and wrench.torque.z > 0.0 for wrench in wrenches)
 
@@ -227,16 +309,27 @@ def moments(folder: Path) -> Path:
     base = read_setup(folder / "subject01_Setup_CMC.xml")
     assert isinstance(base, Setup)
     setup = dynamics_setup(base, folder / "dynamics.xml", KINEMATICS, (0.53, 2.46))
-    assert run_python(child.__name__, ("InverseDynamicsTool", setup.path.name), folder, folder / "log") == 0
+    assert (
+        run_python(
+            child.__name__, ("InverseDynamicsTool", setup.path.name), folder, folder / "log"
+        )
+        == 0
+    )
     return folder / setup.results / "moments.sto"
 
 
 def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[int, Estimate]]:
     """What there is to say of a bag's estimates, and these by their stamps [ns]."""
-    parameters = load_parameters([config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters)
+    parameters = load_parameters(
+        [config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters
+    )
     estimates: dict[int, Estimate] = {}
     return estimate_load(
-        bag, parameters, output, silent, keep=lambda stream: estimates.update({stream.sensed.stamp: stream.estimate})
+        bag,
+        parameters,
+        output,
+        silent,
+        keep=lambda stream: estimates.update({stream.sensed.stamp: stream.estimate}),
     ), estimates
 
 
@@ -253,9 +346,15 @@ def test_the_load_node_finds_opensims_net_moments_and_its_load_takes_the_place(
         late, letter = stamps > BEGUN * NANOSECONDS, side[0]
         for joint, sign, allowed in (("knee", 1.0, KNEE), ("ankle", -1.0, ANKLE)):
             column = sign * by_opensim.column(f"{joint}_angle_{letter}_moment")
-            told = np.array([getattr(estimate, f"{joint}_moment") for estimate in estimates.values()])
+            told = np.array(
+                [getattr(estimate, f"{joint}_moment") for estimate in estimates.values()]
+            )
             off = told - np.interp(stamps, by_opensim.stamps, column)
             assert np.sqrt(np.mean(off[late] ** 2)) < allowed
         reference = -reactions.column(f"knee_{letter}_on_tibia_{letter}_in_tibia_{letter}_fy")
-        assert loads_in(bag) == pytest.approx(np.interp(stamps, reactions.stamps, reference), rel=1e-12)
-        assert loads_in(output) == pytest.approx([each.axial_force for each in estimates.values()], rel=1e-12)
+        assert loads_in(bag) == pytest.approx(
+            np.interp(stamps, reactions.stamps, reference), rel=1e-12
+        )
+        assert loads_in(output) == pytest.approx(
+            [each.axial_force for each in estimates.values()], rel=1e-12
+        )

@@ -14,7 +14,15 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import not_installed
-from tests.lab.opensim.storages import external, kinematics, plate, reactions, write_loads, write_model, write_storage
+from tests.lab.opensim.storages import (
+    external,
+    kinematics,
+    plate,
+    reactions,
+    write_loads,
+    write_model,
+    write_storage,
+)
 from tests.offline.test_solve import silent
 
 
@@ -27,7 +35,11 @@ def results(tmp_path: Path) -> list[str]:
 def origin(bag: Path) -> dict[str, str]:
     (path,) = bag.glob("*.mcap")
     with path.open("rb") as file:
-        return next(record.metadata for record in make_reader(file).iter_metadata() if record.name == "origin")
+        return next(
+            record.metadata
+            for record in make_reader(file).iter_metadata()
+            if record.name == "origin"
+        )
 
 
 def test_a_bag_comes_out_that_solve_takes(
@@ -36,12 +48,19 @@ def test_a_bag_comes_out_that_solve_takes(
     bag = tmp_path / "walk"
     assert main([*results, "--side", "right", "--output", str(bag)]) == 0
     said = capsys.readouterr().out
-    for part in ("knee_angle_r of q.sto", "241 rows, 0.000 to 1.200 s, 3.0 to 63.0 deg", "degrees to rad, sign turned",
-                 "largest 1800.0 N at 0.300 s", f"Bag: {bag}"):  # fmt: skip
+    for part in (
+        "knee_angle_r of q.sto",
+        "241 rows, 0.000 to 1.200 s, 3.0 to 63.0 deg",
+        "degrees to rad, sign turned",
+        "largest 1800.0 N at 0.300 s",
+        f"Bag: {bag}",
+    ):
         assert part in said
     assert sorted(path.name for path in bag.iterdir()) == ["metadata.yaml", "walk_0.mcap"]
     messages = read_bag(bag, INPUT_TYPES)
-    assert [message.log_time for message in messages] == sorted(message.log_time for message in messages)
+    assert [message.log_time for message in messages] == sorted(
+        message.log_time for message in messages
+    )
     assert (messages[0].topic, messages[1].topic) == ("/joint_states", "/joint_reaction_force")
     assert list(messages[0].message.name) == ["knee"]
     assert messages[1].message.header.frame_id == "tibia_r"
@@ -50,15 +69,19 @@ def test_a_bag_comes_out_that_solve_takes(
     assert summary.peaks["load"].load == pytest.approx(900.0, rel=1e-9)
 
 
-def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results: list[str], tmp_path: Path) -> None:
+def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(
+    results: list[str], tmp_path: Path
+) -> None:
     bags = [tmp_path / name / "walk" for name in ("a", "b")]
     for bag in bags:
         bag.parent.mkdir()
         assert main([*results, "--side", "left", "--output", str(bag), "--rate", "100"]) == 0
     record = origin(bags[0])
     assert (record["kinematics"], record["columns of angle"], len(record["reactions_sha256"])) == (
-        "q.sto", "knee_angle_l of q.sto", 64,
-    )  # fmt: skip
+        "q.sto",
+        "knee_angle_l of q.sto",
+        64,
+    )
     assert "mirrored" in record["conversions"]
     assert json.loads(record["settings"])["rate"] == 100.0
     assert str(tmp_path) not in "".join(record.values())
@@ -85,7 +108,10 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
     assert (bag / "walk_0.mcap").read_bytes() != before
     (bag / "thesis.docx").touch()
     assert main([*arguments, "--overwrite"]) == 2
-    assert "is not replaced: it has thesis.docx, and no metadata.yaml says that it belongs" in capsys.readouterr().err
+    assert (
+        "is not replaced: it has thesis.docx, and no metadata.yaml says that it belongs"
+        in capsys.readouterr().err
+    )
     assert (bag / "thesis.docx").exists()
     (bag / "thesis.docx").rename(bag / "monday.mcap")
     assert main([*arguments, "--overwrite"]) == 2
@@ -103,44 +129,86 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
 
 MISSING = not_installed("opensim", "opensim")
 MODEL = ["--model", "m.osim"]
-ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right", "--output", "walk"]
+ONE_SIDE = [
+    "--kinematics",
+    "q.sto",
+    "--reactions",
+    "jr.sto",
+    "--side",
+    "right",
+    "--output",
+    "walk",
+]
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         ([*ONE_SIDE, "--joint", "hip_r"], "no joint hip_r (--joint); it has knee_r, knee_l"),
-        ([*ONE_SIDE, "--kinematics", "cut.sto"], "120 rows, and its header says nRows=121: is it cut off? (--anyway"),
+        (
+            [*ONE_SIDE, "--kinematics", "cut.sto"],
+            "120 rows, and its header says nRows=121: is it cut off? (--anyway",
+        ),
         ([*ONE_SIDE, "--rate", "-1"], "-1.0 is not in the range 0.0<=x<=10000.0"),
         ([*ONE_SIDE, "--start", "nan"], "'--start': nan is not a finite number"),
         ([*ONE_SIDE, "--speeds", "none.sto"], "cannot read none.sto: No such file"),
         ([*ONE_SIDE, "--setup", "."], "--kinematics and --setup cannot be given together"),
         ([*ONE_SIDE, "--steps", "ik"], "--steps and --work need --setup"),
-        (["--kinematics", "q.sto", *ONE_SIDE[4:]], "--reactions FILE is missing; or give --setup FOLDER"),
-        ([*ONE_SIDE, "--side", "both", "--joint", "knee_r"], "give --side right or left with them"),
-        ([*ONE_SIDE, "--output", "walk.mcap"], "a bag is written as a folder; give its name without .mcap"),
+        (
+            ["--kinematics", "q.sto", *ONE_SIDE[4:]],
+            "--reactions FILE is missing; or give --setup FOLDER",
+        ),
+        (
+            [*ONE_SIDE, "--side", "both", "--joint", "knee_r"],
+            "give --side right or left with them",
+        ),
+        (
+            [*ONE_SIDE, "--output", "walk.mcap"],
+            "a bag is written as a folder; give its name without .mcap",
+        ),
         ([*ONE_SIDE, "--output", "jr.sto", "--overwrite"], "is a file and not a bag's folder"),
         ([*ONE_SIDE[:4], *ONE_SIDE[6:]], "--side"),
         ([*ONE_SIDE, "--ground", "late.xml"], "--ground needs --model M.osim, to find the ankle"),
-        ([*ONE_SIDE, "--ground", *MODEL], "--ground FILE is missing; it is found only with --setup"),
+        (
+            [*ONE_SIDE, "--ground", *MODEL],
+            "--ground FILE is missing; it is found only with --setup",
+        ),
         ([*ONE_SIDE, "--ground", "late.xml", *MODEL], MISSING),
         ([*ONE_SIDE, "--ground", "none.xml", *MODEL], "cannot read none.xml"),
-        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
-        ([*ONE_SIDE, "--ground", "late.xml", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
+        (
+            [*ONE_SIDE, "--ground", "late.mot", *MODEL],
+            "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s",
+        ),
+        (
+            [*ONE_SIDE, "--ground", "late.xml", *MODEL],
+            "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s",
+        ),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    results: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-    arguments: list[str], says: str,
-) -> None:  # fmt: skip
+    results: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    says: str,
+) -> None:
     """As if OpenSim were installed, or, without, with a line that says what to install."""
     monkeypatch.chdir(tmp_path)
     write_model(tmp_path / "m.osim")
-    (tmp_path / "cut.sto").write_text((tmp_path / "q.sto").read_text().rstrip().rpartition("\n")[0])
-    write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes")
-    write_loads(tmp_path / "late.xml", "late.mot", [external("calcn_r", "ground_force_r_", torque="")])
+    (tmp_path / "cut.sto").write_text(
+        (tmp_path / "q.sto").read_text().rstrip().rpartition("\n")[0]
+    )
+    write_storage(
+        tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes"
+    )
+    write_loads(
+        tmp_path / "late.xml", "late.mot", [external("calcn_r", "ground_force_r_", torque="")]
+    )
     files = sorted(path.name for path in tmp_path.iterdir())
-    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None if says == MISSING else name)
+    monkeypatch.setattr(
+        "knee_contact_ros.system.files.find_spec", lambda name: None if says == MISSING else name
+    )
     assert main(["import-opensim", *arguments]) == 2
     said = capsys.readouterr().err
     assert says in said

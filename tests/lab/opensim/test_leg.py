@@ -51,7 +51,9 @@ def expected() -> np.ndarray:
 
 def ground(tmp_path: Path, **changed: np.ndarray) -> GroundFile:
     """A right foot's plate."""
-    path = write_plates(tmp_path / "grf.mot", plate("ground_force_r_", "ground_torque_r_") | changed)
+    path = write_plates(
+        tmp_path / "grf.mot", plate("ground_force_r_", "ground_torque_r_") | changed
+    )
     force = external("calcn_r", "ground_force_r_", "ground_torque_r_")
     return read_ground(write_loads(tmp_path / "grf.xml", "grf.mot", [force]), path, "right")
 
@@ -59,7 +61,10 @@ def ground(tmp_path: Path, **changed: np.ndarray) -> GroundFile:
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     """Two plates by the names of OpenSim's examples."""
-    return write_plates(tmp_path / "grf.mot", *(plate(f"{n}ground_force_", f"{n}ground_torque_") for n in ("", "1_")))
+    return write_plates(
+        tmp_path / "grf.mot",
+        *(plate(f"{n}ground_force_", f"{n}ground_torque_") for n in ("", "1_")),
+    )
 
 
 def test_external_loads_say_which_force_is_on_which_foot(data: Path) -> None:
@@ -72,14 +77,18 @@ def test_external_loads_say_which_force_is_on_which_foot(data: Path) -> None:
         )
     switches = ("<isDisabled> true </isDisabled>", "<appliesForce>false</appliesForce>")
     off = [external("calcn_r", more=switch) for switch in switches]
-    loads = write_loads(loads, "grf.mot", [*off, external("calcn_r", torque=""), external("toes_r", **LEFT)])
+    loads = write_loads(
+        loads, "grf.mot", [*off, external("calcn_r", torque=""), external("toes_r", **LEFT)]
+    )
     assert read_ground(loads, data, "right").forces == (FOUND._replace(torque=""), OTHER)
 
 
 def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> None:
     (data.parent / "loads").mkdir()
     loads = write_loads(data.parent / "loads" / "grf.xml", "grf.mot", [external("calcn_r")])
-    with pytest.raises(UsageError, match=r"grf\.xml names the datafile grf\.mot, which is not there"):
+    with pytest.raises(
+        UsageError, match=r"grf\.xml names the datafile grf\.mot, which is not there"
+    ):
         data_file(loads)
     assert data_file(loads, data.parent) == data_file(data) == data
     with pytest.raises(UsageError, match="names no datafile, which has the numbers"):
@@ -88,21 +97,32 @@ def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> Non
 
 REFUSED_LOADS = [
     (external("calcn_l"), r"applies no force to the right foot; its forces act on calcn_l"),
-    (external("calcn_r", more="<force_expressed_in_body>calcn_r</force_expressed_in_body>"),
-     "force 'calcn_r': force_expressed_in_body is calcn_r, but must be ground"),
-    (external("calcn_r", more="<point_expressed_in_body>calcn_r</point_expressed_in_body>"),
-     "point_expressed_in_body is calcn_r, but must be ground"),
+    (
+        external("calcn_r", more="<force_expressed_in_body>calcn_r</force_expressed_in_body>"),
+        "force 'calcn_r': force_expressed_in_body is calcn_r, but must be ground",
+    ),
+    (
+        external("calcn_r", more="<point_expressed_in_body>calcn_r</point_expressed_in_body>"),
+        "point_expressed_in_body is calcn_r, but must be ground",
+    ),
     (external("calcn_r").replace("ground_force_p", ""), "has no point_identifier"),
-    (external("calcn_r", stem="2_force_"), "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px"),
+    (
+        external("calcn_r", stem="2_force_"),
+        "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px",
+    ),
     (external("calcn_r", torque="t"), "has no column tx, ty, tz; it has ground_force_vx"),
-]  # fmt: skip
+]
 
 
 PLATES = [
     (("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_"), (0, 1)),
     (("ground_force_l_", "ground_force_r_"), ("ground_moment_l_m", "ground_moment_r_m"), (1, 0)),
     (("left_ground_force_", "right_ground_force_"), ("", ""), (1, 0)),
-    (tuple(f"ground_force_{n}_" for n in range(3)), ("",) * 3, r"which of ground_force_0_vx, .* of the right foot\?"),
+    (
+        tuple(f"ground_force_{n}_" for n in range(3)),
+        ("",) * 3,
+        r"which of ground_force_0_vx, .* of the right foot\?",
+    ),
     (("f_",), ("",), "has no ground force, as ground_force_vx, but f_vx"),
 ]
 
@@ -136,20 +156,32 @@ def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> 
 
 
 @pytest.mark.parametrize(
-    "noise", [{}, {"vy": np.where(STANDS, 700.0 - 100.0 * PLATE_TIME, 9.9), "px": np.where(STANDS, 0.5, 40.0)}]
+    "noise",
+    [
+        {},
+        {
+            "vy": np.where(STANDS, 700.0 - 100.0 * PLATE_TIME, 9.9),
+            "px": np.where(STANDS, 0.5, 40.0),
+        },
+    ],
 )
 def test_the_torque_is_about_the_ankle_and_nothing_acts_in_the_air(
     tmp_path: Path, noise: dict[str, np.ndarray]
 ) -> None:
     """Also where a plate tells no centre of pressure and a free moment all the same, or a few N anywhere."""
-    told = leg.about_ankle(ground(tmp_path, **{f"ground_force_r_{axis}": v for axis, v in noise.items()}), ANKLE)
+    told = leg.about_ankle(
+        ground(tmp_path, **{f"ground_force_r_{axis}": v for axis, v in noise.items()}), ANKLE
+    )
     assert told.values == pytest.approx(expected(), abs=1e-8)  # the file has twelve decimals
     assert not told.values[~STANDS].any()
 
 
 def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
     path = write_plates(tmp_path / "two.mot", plate("a_force_"), plate("b_force_", "b_torque_"))
-    of_toes, of_heel = FootForce("a_force_v", "a_force_p", ""), FootForce("b_force_v", "b_force_p", "b_torque_")
+    of_toes, of_heel = (
+        FootForce("a_force_v", "a_force_p", ""),
+        FootForce("b_force_v", "b_force_p", "b_torque_"),
+    )
     both = leg.about_ankle(GroundFile(read_storage(path), (of_toes, of_heel), ()), ANKLE).values
     free = np.hstack([np.zeros(3), FREE]) * STANDS[:, None]
     assert both == pytest.approx(2.0 * expected() - free, abs=1e-8)
@@ -158,22 +190,46 @@ def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("axis", "values", "says"),
     [
-        ("px", np.full(len(PLATE_TIME), 500.0), r"ankle of a standing foot is 499\.6 m, plausible is 0 to 0\.3"),
+        (
+            "px",
+            np.full(len(PLATE_TIME), 500.0),
+            r"ankle of a standing foot is 499\.6 m, plausible is 0 to 0\.3",
+        ),
         ("pz", np.full(len(PLATE_TIME), -0.3), r"is 0\.41231 m, .* the other foot's, not in m"),
-        ("px", np.where(PLATE_TIME > 0.5, np.nan, 0.5), r"column ground_force_r_px is nan at 0\.505 s"),
-        ("vx", np.where(PLATE_TIME > 0.5, np.inf, 0.5), r"column ground_force_r_vx is inf at 0\.505 s"),
-        ("vy", np.where(STANDS, -700.0, 0.0), r"ground_force_r_vy: the peak is .*: it must be in N, upwards"),
-        ("vy", np.where(STANDS, 0.7, 0.0), r"ground_force_r_vy: the peak is .*: it must be in N, upwards"),
+        (
+            "px",
+            np.where(PLATE_TIME > 0.5, np.nan, 0.5),
+            r"column ground_force_r_px is nan at 0\.505 s",
+        ),
+        (
+            "vx",
+            np.where(PLATE_TIME > 0.5, np.inf, 0.5),
+            r"column ground_force_r_vx is inf at 0\.505 s",
+        ),
+        (
+            "vy",
+            np.where(STANDS, -700.0, 0.0),
+            r"ground_force_r_vy: the peak is .*: it must be in N, upwards",
+        ),
+        (
+            "vy",
+            np.where(STANDS, 0.7, 0.0),
+            r"ground_force_r_vy: the peak is .*: it must be in N, upwards",
+        ),
     ],
 )
-def test_what_cannot_act_on_this_foot_is_refused(tmp_path: Path, axis: str, values: np.ndarray, says: str) -> None:
+def test_what_cannot_act_on_this_foot_is_refused(
+    tmp_path: Path, axis: str, values: np.ndarray, says: str
+) -> None:
     file = ground(tmp_path, **{f"ground_force_r_{axis}": values})
     with pytest.raises(UsageError, match=says) as refused:
         leg.about_ankle(leg.during(file, file.data.stamps), ANKLE)
     assert "\n" not in str(refused.value)
 
 
-def stands_still(table: Table, degrees: bool, model: Path, frames: list[tuple[str, str]], work: Path) -> leg.Frames:
+def stands_still(
+    table: Table, degrees: bool, model: Path, frames: list[tuple[str, str]], work: Path
+) -> leg.Frames:
     """A leg whose knee is ahead of its hip, above the plate of `storages.plate`."""
     assert degrees
     assert work.is_dir()
@@ -181,7 +237,10 @@ def stands_still(table: Table, degrees: bool, model: Path, frames: list[tuple[st
     hip = knee + 0.4 * np.array([-np.sin(HIP_ANGLE), np.cos(HIP_ANGLE), 0.0])
     origins = np.array([hip, knee, ANKLE[0], hip, knee, ANKLE[0]])
     rotations = np.array([np.eye(3)] * len(frames))
-    rotations[5, :2, :2] = [[np.cos(TOES_UP), -np.sin(TOES_UP)], [np.sin(TOES_UP), np.cos(TOES_UP)]]
+    rotations[5, :2, :2] = [
+        [np.cos(TOES_UP), -np.sin(TOES_UP)],
+        [np.sin(TOES_UP), np.cos(TOES_UP)],
+    ]
     rows = len(table.stamps)
     return leg.Frames((), np.array([rotations] * rows), np.array([origins] * rows), ())
 
@@ -189,14 +248,24 @@ def stands_still(table: Table, degrees: bool, model: Path, frames: list[tuple[st
 @pytest.fixture
 def results(tmp_path: Path) -> list[str]:
     q, jr = kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto")
-    return ["import-opensim", f"--kinematics={q}", f"--reactions={jr}", "--output", str(tmp_path / "walk")]
+    return [
+        "import-opensim",
+        f"--kinematics={q}",
+        f"--reactions={jr}",
+        "--output",
+        str(tmp_path / "walk"),
+    ]
 
 
 @pytest.fixture
 def loads(tmp_path: Path) -> list[str]:
     """Model and external loads, of which the right foot's plate is the second."""
     write_plates(tmp_path / "grf.mot", plate("ground_force_"), plate(**LEFT))
-    xml = write_loads(tmp_path / "grf.xml", "grf.mot", [external("calcn_r", **LEFT), external("calcn_l", torque="")])
+    xml = write_loads(
+        tmp_path / "grf.xml",
+        "grf.mot",
+        [external("calcn_r", **LEFT), external("calcn_l", torque="")],
+    )
     return ["--ground", str(xml), "--model", str(write_model(tmp_path / "m.osim"))]
 
 
@@ -217,13 +286,20 @@ def test_the_bag_holds_what_the_legs_sensors_would_have_told(
 ) -> None:
     assert main([*results, *loads, "--side", "right"]) == 0
     said = capsys.readouterr().out
-    for part in ("1_ground_force_v(x y z)", "of grf.mot", "241 rows, 0.000 to 1.200 s, largest 700.0 N",
-                 "17.2 to 17.2 deg", "of hip_r, walker_knee_r, ankle_r of m.osim"):  # fmt: skip
+    for part in (
+        "1_ground_force_v(x y z)",
+        "of grf.mot",
+        "241 rows, 0.000 to 1.200 s, largest 700.0 N",
+        "17.2 to 17.2 deg",
+        "of hip_r, walker_knee_r, ankle_r of m.osim",
+    ):
         assert part in said
     messages = read_bag(tmp_path / "walk", TOPICS)
     assert [message.topic for message in messages[:3]] == [
-        "/joint_states", "/joint_reaction_force", "/ground_reaction_force",
-    ]  # fmt: skip
+        "/joint_states",
+        "/joint_reaction_force",
+        "/ground_reaction_force",
+    ]
     joints, _, first = (message.message for message in messages[:3])
     assert list(joints.name) == ["knee", "hip", "ankle"]
     assert list(joints.position[1:]) == pytest.approx([HIP_ANGLE, TOES_UP], abs=1e-15)
@@ -232,18 +308,30 @@ def test_the_bag_holds_what_the_legs_sensors_would_have_told(
     # An arm of (0.1, -0.09, 0.02) m, a force of (50, 700, -40) N and a free moment of (1, 7, -2) N m.
     torque = [3.6 - 14.0 + 1.0, 1.0 + 4.0 + 7.0, 70.0 + 4.5 - 2.0]
     assert numbers(first.wrench) == pytest.approx([50.0, 700.0, -40.0, *torque], abs=1e-9)
-    air = [m.message.wrench for m in messages if m.topic == "/ground_reaction_force"][int(STANDS.sum()) + 1]
+    air = [m.message.wrench for m in messages if m.topic == "/ground_reaction_force"][
+        int(STANDS.sum()) + 1
+    ]
     assert numbers(air) == [0.0] * 6
     record = origin(tmp_path / "walk")
-    assert (record["ground"], record["ground_data"], len(record["ground_data_sha256"])) == ("grf.xml", "grf.mot", 64)
+    assert (record["ground"], record["ground_data"], len(record["ground_data_sha256"])) == (
+        "grf.xml",
+        "grf.mot",
+        64,
+    )
     assert "about the ankle joint's centre" in record["ground_force"]
 
 
 @pytest.mark.usefixtures("by_tests")
 def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: Path) -> None:
     assert main([*results, *loads, "--side", "left"]) == 0
-    wrench = next(m.message.wrench for m in read_bag(tmp_path / "walk", TOPICS) if m.topic == "/ground_reaction_force")
-    assert numbers(wrench) == pytest.approx([50.0, 700.0, 40.0, -(3.6 - 14.0), -(1.0 + 4.0), 70.0 + 4.5], abs=1e-9)
+    wrench = next(
+        m.message.wrench
+        for m in read_bag(tmp_path / "walk", TOPICS)
+        if m.topic == "/ground_reaction_force"
+    )
+    assert numbers(wrench) == pytest.approx(
+        [50.0, 700.0, 40.0, -(3.6 - 14.0), -(1.0 + 4.0), 70.0 + 4.5], abs=1e-9
+    )
     notes = origin(tmp_path / "walk")["conversions"]
     assert "ground: left leg mirrored" in notes
     assert "ground: no free moment in the file" in notes
@@ -252,14 +340,21 @@ def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: 
 def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:
     model = write_model(tmp_path / "m.osim")
     assert leg.leg_joints(model, "left", "knee_angle_l") == ["hip_l", "walker_knee_l", "ankle_l"]
-    with pytest.raises(UsageError, match=r"m\.osim has no joint of the coordinate knee_angle_x; exactly one is needed"):
+    with pytest.raises(
+        UsageError,
+        match=r"m\.osim has no joint of the coordinate knee_angle_x; exactly one is needed",
+    ):
         leg.leg_joints(model, "left", "knee_angle_x")
-    write_model(model, [("ankle_a_r", "a"), ("ankle_b_r", "b"), ("hip_r", "hip"), ("knee_r", "knee")])
+    write_model(
+        model, [("ankle_a_r", "a"), ("ankle_b_r", "b"), ("hip_r", "hip"), ("knee_r", "knee")]
+    )
     with pytest.raises(UsageError, match="has the joints ankle_a_r, ankle_b_r of the right ankle"):
         leg.leg_joints(model, "right", "knee")
 
 
 def test_a_person_who_walks_elsewhere_is_refused() -> None:
     checks.check_heading(np.array([[0.8, 0.0, 0.6]]), Path("q.sto"))
-    with pytest.raises(UsageError, match=r"q\.sto: .* is -1, plausible is 0\.7 to 1: turn markers"):
+    with pytest.raises(
+        UsageError, match=r"q\.sto: .* is -1, plausible is 0\.7 to 1: turn markers"
+    ):
         checks.check_heading(np.array([[-1.0, 0.0, 0.0]]), Path("q.sto"))

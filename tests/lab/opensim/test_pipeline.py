@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.lab.opensim.run import Run, Setup, assess, last_words, plan, read_setup, verdict
+from knee_contact_ros.lab.opensim.run import (
+    Run,
+    Setup,
+    assess,
+    last_words,
+    plan,
+    read_setup,
+    verdict,
+)
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim.storages import write_storage
 
@@ -53,7 +61,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["cmc", "static"], "--steps cmc,static: one of cmc and static"),
     ],
 )
-def test_steps_run_in_their_order(folder: Path, steps: list[str], planned: list[str] | str) -> None:
+def test_steps_run_in_their_order(
+    folder: Path, steps: list[str], planned: list[str] | str
+) -> None:
     if isinstance(planned, str):
         with pytest.raises(UsageError, match=planned):
             plan([folder], steps)
@@ -66,17 +76,43 @@ def test_steps_run_in_their_order(folder: Path, steps: list[str], planned: list[
     ("name", "content", "paths", "says"),
     [
         ("", "", ["none"], "no such file or folder"),
-        ("", "", ["grf.xml"], "no set-up file of a scale, IK, RRA, CMC or static optimization tool"),
+        (
+            "",
+            "",
+            ["grf.xml"],
+            "no set-up file of a scale, IK, RRA, CMC or static optimization tool",
+        ),
         ("", "", ["ik.xml", "cmc.xml"], "no set-up file for scale; there are ik, cmc"),
-        ("ik2.xml", SETUPS["ik.xml"], ["."], r"ik\.xml and ik2\.xml are both for ik; give the files"),
-        ("scale.xml", "<ScaleTool><model_file>/data/g.osim</model_file></ScaleTool>", ["."], "to its folder, with /"),
-        ("scale.xml", "<ScaleTool><model_file>C:\\g.osim</model_file></ScaleTool>", ["."], "to its folder, with /"),
-        ("scale.xml", f"<ScaleTool><model_file>{'../' * 30}g.osim</model_file></ScaleTool>", ["."],
-         "are all over /; put them into a folder of their own"),
+        (
+            "ik2.xml",
+            SETUPS["ik.xml"],
+            ["."],
+            r"ik\.xml and ik2\.xml are both for ik; give the files",
+        ),
+        (
+            "scale.xml",
+            "<ScaleTool><model_file>/data/g.osim</model_file></ScaleTool>",
+            ["."],
+            "to its folder, with /",
+        ),
+        (
+            "scale.xml",
+            "<ScaleTool><model_file>C:\\g.osim</model_file></ScaleTool>",
+            ["."],
+            "to its folder, with /",
+        ),
+        (
+            "scale.xml",
+            f"<ScaleTool><model_file>{'../' * 30}g.osim</model_file></ScaleTool>",
+            ["."],
+            "are all over /; put them into a folder of their own",
+        ),
         ("scale.xml", "no xml", ["."], r"scale\.xml is not an OpenSim document"),
     ],
-)  # fmt: skip
-def test_set_up_files_that_cannot_be(folder: Path, name: str, content: str, paths: list[str], says: str) -> None:
+)
+def test_set_up_files_that_cannot_be(
+    folder: Path, name: str, content: str, paths: list[str], says: str
+) -> None:
     if name:
         (folder / name).write_text(content if content == "no xml" else f"<D>{content}</D>")
     with pytest.raises(UsageError, match=says):
@@ -88,9 +124,17 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
         (folder / name).mkdir()
         (folder / f"{name}.xml").rename(folder / name / f"{name}.xml")
     ik, cmc = (folder / name / f"{name}.xml" for name in ("ik", "cmc"))
-    ik.write_text(ik.read_text().replace("scaled.osim", "../scaled.osim").replace("walk.trc", "../walk.trc"))
-    text = cmc.read_text().replace("adjusted.osim", "../scaled.osim").replace("act.xml", "../act.xml")
-    cmc.write_text(text.replace("grf.xml", "../grf.xml").replace("RRA/walk_RRA_Kinematics_q.sto", "../ik/ik.mot"))
+    ik.write_text(
+        ik.read_text().replace("scaled.osim", "../scaled.osim").replace("walk.trc", "../walk.trc")
+    )
+    text = (
+        cmc.read_text().replace("adjusted.osim", "../scaled.osim").replace("act.xml", "../act.xml")
+    )
+    cmc.write_text(
+        text.replace("grf.xml", "../grf.xml").replace(
+            "RRA/walk_RRA_Kinematics_q.sto", "../ik/ik.mot"
+        )
+    )
     where, setups = plan([folder / "scale.xml", ik, cmc], [])
     assert where == folder
     assert [setup.path for setup in setups] == [folder / "scale.xml", ik, cmc]
@@ -133,7 +177,9 @@ JUDGED = {
 
 
 def stored(path: Path, columns: dict[str, list[float]]) -> Path:
-    return write_storage(path, TIME, {name: np.array(column) for name, column in columns.items()}, "no")
+    return write_storage(
+        path, TIME, {name: np.array(column) for name, column in columns.items()}, "no"
+    )
 
 
 @pytest.fixture
@@ -147,18 +193,36 @@ def run(tmp_path: Path) -> Run:
     )
     (tmp_path / "ik.xml").write_text("<D><InverseKinematicsTool name='i'/></D>")
     feet = {f"{side}_v{axis}": np.zeros(5) for side in ("right", "left") for axis in "xyz"}
-    feet |= {"right_vy": np.array([9e3, 0.0, 400.0, 0.0, 9e3]), "left_vy": np.array([0.0, 0.0, 500.0, 0.0, 0.0])}
+    feet |= {
+        "right_vy": np.array([9e3, 0.0, 400.0, 0.0, 9e3]),
+        "left_vy": np.array([0.0, 0.0, 500.0, 0.0, 0.0]),
+    }
     write_storage(tmp_path / "grf.mot", np.array([-1.0, 0.0, 0.5, 1.0, 2.0]), feet, "yes")
-    forces = stored(tmp_path / "f.sto", {
-        "soleus_r": [900.0] * 3, "FX": [3.0, 0.0, 0.0], "FY": [4.0, 0.0, 0.0], "MZ": [0.0, -10.0, 0.0],
-        "pelvis_tz_actuator": [12.0, 0.0, 0.0], "knee_reserve": [0.0, 1.0, -3.0], "hip_reserve": [0.0, 6.0, 0.0],
-        "toe_reserve": [0.9, 0.0, 0.0],
-    })  # fmt: skip
-    moments = stored(tmp_path / "m.sto", {
-        "knee_angle_r_moment": [0.0, 80.0, 0.0], "hip_flexion_r_moment": [0.0, 0.0, -100.0],
-        "mtp_angle_r_moment": [0.0, 0.1, 0.0],
-    })  # fmt: skip
-    stored(tmp_path / "knee_contact_BodyKinematics_pos_global.sto", {"center_of_mass_Y": [0.99, 1.0, 1.01]})
+    forces = stored(
+        tmp_path / "f.sto",
+        {
+            "soleus_r": [900.0] * 3,
+            "FX": [3.0, 0.0, 0.0],
+            "FY": [4.0, 0.0, 0.0],
+            "MZ": [0.0, -10.0, 0.0],
+            "pelvis_tz_actuator": [12.0, 0.0, 0.0],
+            "knee_reserve": [0.0, 1.0, -3.0],
+            "hip_reserve": [0.0, 6.0, 0.0],
+            "toe_reserve": [0.9, 0.0, 0.0],
+        },
+    )
+    moments = stored(
+        tmp_path / "m.sto",
+        {
+            "knee_angle_r_moment": [0.0, 80.0, 0.0],
+            "hip_flexion_r_moment": [0.0, 0.0, -100.0],
+            "mtp_angle_r_moment": [0.0, 0.1, 0.0],
+        },
+    )
+    stored(
+        tmp_path / "knee_contact_BodyKinematics_pos_global.sto",
+        {"center_of_mass_Y": [0.99, 1.0, 1.01]},
+    )
     errors = {"marker_error_RMS": [0.01, 0.015, 0.01], "marker_error_max": [0.02, 0.05, 0.01]}
     stored(tmp_path / "i_ik_marker_errors.sto", errors)
     setups = [read_setup(tmp_path / name) for name in ("ik.xml", "cmc.xml")]
@@ -171,9 +235,15 @@ def test_peaks_and_what_is_allowed(run: Run) -> None:
     assert [check.name for check in found] == list(JUDGED)
     for check in found:
         peak, allowed, passed = JUDGED[check.name]
-        assert (check.peak, check.allowed, check.passed) == (pytest.approx(peak), pytest.approx(allowed), passed)
+        assert (check.peak, check.allowed, check.passed) == (
+            pytest.approx(peak),
+            pytest.approx(allowed),
+            passed,
+        )
         text = f"{check.unit}, {'within' if passed else 'ABOVE'} {allowed:.3g} ({check.basis})"
-        assert check.sentence() == f"{check.name}: peak {check.peak:.3g}, RMS {check.rms:.3g} {text}"
+        assert (
+            check.sentence() == f"{check.name}: peak {check.peak:.3g}, RMS {check.rms:.3g} {text}"
+        )
     assert found[0].rms == pytest.approx(13.0 / np.sqrt(3.0))
     said = " ".join(verdict(found))
     assert said.count("ABOVE") == 3

@@ -26,12 +26,16 @@ VOXEL = 0.5
 """[mm] of the label map"""
 
 
-def femoral_curve(arcs: Sequence[tuple[float, float, float]] = ONE_RADIUS) -> tuple[Floats, Floats]:
+def femoral_curve(
+    arcs: Sequence[tuple[float, float, float]] = ONE_RADIUS,
+) -> tuple[Floats, Floats]:
     """Points and outward normals, shape (n, 2), from anterior to posterior; arcs meet without a corner."""
     points, normals = [], []
     centre = np.zeros(2)
     for number, (radius, low, high) in enumerate(arcs):
-        angle = np.radians(np.linspace(low, high, max(4, round(radius * np.radians(high - low) / EDGE))))
+        angle = np.radians(
+            np.linspace(low, high, max(4, round(radius * np.radians(high - low) / EDGE)))
+        )
         normal = np.column_stack([-np.sin(angle), -np.cos(angle)])
         centre = points[-1][-1] - radius * normal[0] if number else centre
         points.append(centre + radius * normal)
@@ -47,7 +51,12 @@ def tibial_curve(radius: float = 0.095) -> tuple[Floats, Floats]:
 
 
 def swept(
-    curve: tuple[Floats, Floats], *, inwards: float = 0.0, noise: float = 0.0, seed: int = 1, larger: float = 1.0
+    curve: tuple[Floats, Floats],
+    *,
+    inwards: float = 0.0,
+    noise: float = 0.0,
+    seed: int = 1,
+    larger: float = 1.0,
 ) -> tuple[Floats, Any]:
     """Points (n, 3) and triangles of a surface through a curve at z = `MIDDLE`, falling off to both sides.
 
@@ -61,7 +70,10 @@ def swept(
     xy = points[:, None, :] + normals[:, None, :] * (fall + shake)[:, :, None]
     z = np.broadcast_to(MIDDLE + across, xy.shape[:2])
     corner = np.arange(len(points) * len(across)).reshape(len(points), len(across))
-    a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
+    a, b, c, d = (
+        part.ravel()
+        for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:])
+    )
     triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return larger * np.concatenate([xy.reshape(-1, 2), z.reshape(-1, 1)], axis=1), triangles
 
@@ -88,7 +100,9 @@ def spaced(path: Path, mesh: tuple[Floats, Any], space: str) -> Path:
     if path.suffix == ".stl":
         content = said.encode().ljust(80) + content[80:]
     elif path.suffix == ".ply":
-        content = content.replace(b"\nelement vertex", f"\ncomment {said}\nelement vertex".encode(), 1)
+        content = content.replace(
+            b"\nelement vertex", f"\ncomment {said}\nelement vertex".encode(), 1
+        )
     elif path.suffix == ".vtk":
         first, _, rest = content.split(b"\n", 2)
         content = b"\n".join([first, said.encode(), rest])
@@ -102,13 +116,17 @@ def label_map(path: Path) -> Path:
     """A femur of radius 25 mm under 3 mm of cartilage (label 4; bone 1) about the origin, from z = -28 to -8 mm."""
     import nibabel
 
-    anterior, superior = np.meshgrid(np.arange(-32, 32, VOXEL), np.arange(-32, 32, VOXEL), indexing="ij")
+    anterior, superior = np.meshgrid(
+        np.arange(-32, 32, VOXEL), np.arange(-32, 32, VOXEL), indexing="ij"
+    )
     radius, angle = np.hypot(anterior, superior), np.arctan2(-anterior, -superior)
     there = np.abs(angle) < np.radians(150.0)
     slice_ = np.where(radius < 25.0, 1, np.where((radius < 28.0) & there, 4, 0)).astype(np.int16)
     affine = np.diag([VOXEL, VOXEL, VOXEL, 1.0])
     affine[:3, 3] = (-28.0, -32.0, -32.0)
-    nibabel.save(nibabel.Nifti1Image(np.repeat(slice_[None], round(20 / VOXEL), axis=0), affine), path)
+    nibabel.save(
+        nibabel.Nifti1Image(np.repeat(slice_[None], round(20 / VOXEL), axis=0), affine), path
+    )
     return path
 
 
@@ -119,7 +137,10 @@ def other_map(path: Path, encoding: str, space: str = "left-posterior-superior")
     image: Any = nibabel.load(label_map(path.with_suffix(".nii")))
     values = np.asarray(image.dataobj).copy().transpose(2, 0, 1)[::-1]
     path.with_suffix(".nii").unlink()
-    directions, origin = np.diag(image.affine)[:3, None] * np.eye(3)[[2, 0, 1]], np.array(image.affine[:3, 3])
+    directions, origin = (
+        np.diag(image.affine)[:3, None] * np.eye(3)[[2, 0, 1]],
+        np.array(image.affine[:3, 3]),
+    )
     origin = origin + directions[0] * (len(values) - 1)
     directions[0] *= -1.0
     if space.upper().startswith("L") or path.suffix in {".mha", ".mhd"}:
@@ -127,26 +148,44 @@ def other_map(path: Path, encoding: str, space: str = "left-posterior-superior")
     data = values.astype("<i2").tobytes(order="F")
     if path.suffix in {".nrrd", ".nhdr"}:
         ascii_ = " ".join(map(str, values.ravel(order="F"))).encode()
-        data = {"gzip": gzip.compress(data), "bzip2": bz2.compress(data), "raw": data, "ascii": ascii_}[encoding]
+        data = {
+            "gzip": gzip.compress(data),
+            "bzip2": bz2.compress(data),
+            "raw": data,
+            "ascii": ascii_,
+        }[encoding]
         vectors = " ".join("({:.17g},{:.17g},{:.17g})".format(*axis) for axis in directions)
         head = [
-            "NRRD0005", "# made up", "type: short", "dimension: 3", f"space: {space}",
-            "sizes: " + " ".join(map(str, values.shape)), f"space directions: {vectors}", "kinds: domain domain domain",
-            "endian: little", f"encoding: {encoding}", "space origin: ({:.17g},{:.17g},{:.17g})".format(*origin),
-            "Segment0_Name:=cartilage", *(["data file: voxels"] if path.suffix == ".nhdr" else []),
-        ]  # fmt: skip
+            "NRRD0005",
+            "# made up",
+            "type: short",
+            "dimension: 3",
+            f"space: {space}",
+            "sizes: " + " ".join(map(str, values.shape)),
+            f"space directions: {vectors}",
+            "kinds: domain domain domain",
+            "endian: little",
+            f"encoding: {encoding}",
+            "space origin: ({:.17g},{:.17g},{:.17g})".format(*origin),
+            "Segment0_Name:=cartilage",
+            *(["data file: voxels"] if path.suffix == ".nhdr" else []),
+        ]
         own = "\n".join(head).encode() + b"\n\n"
     else:
         data = {"gzip": zlib.compress, "raw": bytes}[encoding](data)
         spacing = np.linalg.norm(directions, axis=1)
         head = [
-            "ObjectType = Image", "NDims = 3", f"CompressedData = {encoding == 'gzip'}",
-            "TransformMatrix = " + " ".join(f"{n:.17g}" for n in (directions / spacing[:, None]).ravel()),
+            "ObjectType = Image",
+            "NDims = 3",
+            f"CompressedData = {encoding == 'gzip'}",
+            "TransformMatrix = "
+            + " ".join(f"{n:.17g}" for n in (directions / spacing[:, None]).ravel()),
             "Offset = " + " ".join(f"{n:.17g}" for n in origin),
             "ElementSpacing = " + " ".join(f"{n:.17g}" for n in spacing),
-            "DimSize = " + " ".join(map(str, values.shape)), "ElementType = MET_SHORT",
+            "DimSize = " + " ".join(map(str, values.shape)),
+            "ElementType = MET_SHORT",
             "ElementDataFile = " + ("voxels" if path.suffix == ".mhd" else "LOCAL"),
-        ]  # fmt: skip
+        ]
         own = "\n".join(head).encode() + b"\n"
     if path.suffix in {".nhdr", ".mhd"}:
         path.with_name("voxels").write_bytes(data)

@@ -33,7 +33,7 @@ from tests.lab.profiles.meshes import (
     spaced,
     swept,
     tibial_curve,
-)  # fmt: skip
+)
 
 for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
     pytest.importorskip(library, reason="needs the extra mesh")
@@ -86,7 +86,9 @@ def test_two_radii_are_told_apart_within_the_tolerance() -> None:
         allowed = np.hypot(found.smoothed.roughness, tolerance)
         assert found.smoothed.deviation <= allowed * 1.001
         errors.append([abs(radii(found)[0] - 0.034), abs(radii(found)[2] - 0.022)])
-        assert max(errors[-1]) < 2.0 * allowed / OF_ARC  # that is RMS; where the radii meet it is up to twice as much
+        assert (
+            max(errors[-1]) < 2.0 * allowed / OF_ARC
+        )  # that is RMS; where the radii meet it is up to twice as much
     assert sum(errors[0]) < sum(errors[1])
 
 
@@ -131,24 +133,36 @@ def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken(
     corner = np.arange(len(outer[0])).reshape(-1, 29)
     rim = np.concatenate([corner[:, 0], corner[-1, 1:], corner[::-1, -1][1:], corner[0, ::-1][1:]])
     below = rim + len(outer[0])
-    walls = [np.column_stack([rim[:-1], rim[1:], below[:-1]]), np.column_stack([rim[1:], below[1:], below[:-1]])]
-    for mesh, remark, error in ((joined(outer, inner, walls=np.concatenate(walls)), "of 1 pieces;", 0.05 * MM),
-                                (joined(outer, inner), "of 2 pieces;", 0.02 * MM)):  # fmt: skip
+    walls = [
+        np.column_stack([rim[:-1], rim[1:], below[:-1]]),
+        np.column_stack([rim[1:], below[1:], below[:-1]]),
+    ]
+    for mesh, remark, error in (
+        (joined(outer, inner, walls=np.concatenate(walls)), "of 1 pieces;", 0.05 * MM),
+        (joined(outer, inner), "of 2 pieces;", 0.02 * MM),
+    ):
         found = fit(mesh, MIDDLE)
         assert any(remark in each for each in found.remarks)
         assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + error)
 
 
 def test_the_automatic_slice_is_that_of_the_ridge() -> None:
-    assert contact_centre(femur(TWO_RADII), True, True) == pytest.approx(MIDDLE, abs=0.05 * MM + EDGE / 2.0)
+    assert contact_centre(femur(TWO_RADII), True, True) == pytest.approx(
+        MIDDLE, abs=0.05 * MM + EDGE / 2.0
+    )
     assert contact_centre(tibia(), False, True) == pytest.approx(MIDDLE, abs=0.05 * MM)
 
 
 @pytest.mark.parametrize(
     ("suffix", "space", "signs"),
-    [(".stl", "RAS", (1, 1, 1)), (".ply", "LPS", (-1, -1, 1)), (".obj", "LAS", (-1, 1, 1)), (".vtp", "RAS", (1, 1, 1)),
-     (".vtk", "LPS", (-1, -1, 1))],
-)  # fmt: skip
+    [
+        (".stl", "RAS", (1, 1, 1)),
+        (".ply", "LPS", (-1, -1, 1)),
+        (".obj", "LAS", (-1, 1, 1)),
+        (".vtp", "RAS", (1, 1, 1)),
+        (".vtk", "LPS", (-1, -1, 1)),
+    ],
+)
 def test_axes_and_unit_follow_from_the_header_of_slicer(
     suffix: str, space: str, signs: tuple[int, ...], tmp_path: Path
 ) -> None:
@@ -158,7 +172,9 @@ def test_axes_and_unit_follow_from_the_header_of_slicer(
     read = read_surface(path)
     assert np.sort(read.points, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-6)
     assert f"follow from SPACE={space}" in read.remarks[0]
-    left = read_surface(path, axes=read.remarks[0].split("--axes=")[1])  # what the remark says of a left knee
+    left = read_surface(
+        path, axes=read.remarks[0].split("--axes=")[1]
+    )  # what the remark says of a left knee
     assert (left.remarks, left.axes != read.axes) == ((), True)
     assert left.points[:, 2] == pytest.approx(-read.points[:, 2])
     other = read_surface(path, axes="z,x,y")
@@ -166,13 +182,19 @@ def test_axes_and_unit_follow_from_the_header_of_slicer(
 
 
 @pytest.mark.parametrize("separator", [" ", ","])
-def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(separator: str, tmp_path: Path) -> None:
+def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(
+    separator: str, tmp_path: Path
+) -> None:
     points, triangles = swept(femoral_curve())
     cloud = tmp_path / "a.txt"
-    np.savetxt(cloud, points, "%.7f", delimiter=separator, header=separator.join("xyz"), comments="")
+    np.savetxt(
+        cloud, points, "%.7f", delimiter=separator, header=separator.join("xyz"), comments=""
+    )
     of_cloud, of_mesh = fit(read_surface(cloud), MIDDLE), fit(surface((points, triangles)), MIDDLE)
     assert any("all points of a cloud are used" in remark for remark in of_cloud.remarks)
-    assert radii(of_cloud) == pytest.approx(radii(of_mesh), abs=0.2 * MM)  # facets cut in by 3 um on arcs 2 mm high
+    assert radii(of_cloud) == pytest.approx(
+        radii(of_mesh), abs=0.2 * MM
+    )  # facets cut in by 3 um on arcs 2 mm high
     np.savetxt(tmp_path / "slice.csv", femoral_curve()[0], delimiter=separator, header="x,y")
     of_slice = fit(read_surface(tmp_path / "slice.csv"), MIDDLE)
     assert radii(of_slice)[0] == pytest.approx(0.030, abs=1e-5)  # exact but for 1e-8 m
@@ -188,12 +210,18 @@ def test_a_cloud_in_planes_gives_the_profile_between_them(spacing: float, shift:
         contours = points + normals * fall[:, None, None]
         z = np.broadcast_to(MIDDLE + planes[:, None, None], (*contours.shape[:2], 1))
         cloud = np.concatenate([contours, z], axis=2).reshape(-1, 3)
-        found = fit(Surface(Path("a.txt"), cloud, np.empty((0, 3), np.int64)), MIDDLE, femur=of_femur)
+        found = fit(
+            Surface(Path("a.txt"), cloud, np.empty((0, 3), np.int64)), MIDDLE, femur=of_femur
+        )
         middle, radius = ([0.0, 0.0], 0.030) if of_femur else ([0.0, 0.095], 0.095)
         sag = spacing**2 / (8.0 * RIDGE)  # of the surface between two planes
-        assert np.hypot(*(found.smoothed.points - middle).T) == pytest.approx(radius, abs=sag + 0.02 * MM)
+        assert np.hypot(*(found.smoothed.points - middle).T) == pytest.approx(
+            radius, abs=sag + 0.02 * MM
+        )
         assert radii(found) == pytest.approx([radius] * len(found.circles), rel=0.01)
-        assert any("no point lies within 0.5 mm" in each for each in found.remarks) == (shift * spacing > 0.5 * MM)
+        assert any("no point lies within 0.5 mm" in each for each in found.remarks) == (
+            shift * spacing > 0.5 * MM
+        )
 
 
 def test_a_label_map(tmp_path: Path) -> None:
@@ -214,10 +242,15 @@ def of_nifti(tmp_path_factory: pytest.TempPathFactory) -> Surface:
 @pytest.mark.parametrize(
     ("suffix", "encoding", "space"),
     [
-        (".nrrd", "raw", "left-posterior-superior"), (".nrrd", "gzip", "RAS"), (".nrrd", "ascii", "LPS"),
-        (".nhdr", "bzip2", "right-anterior-superior"), (".mha", "raw", ""), (".mha", "gzip", ""), (".mhd", "raw", ""),
+        (".nrrd", "raw", "left-posterior-superior"),
+        (".nrrd", "gzip", "RAS"),
+        (".nrrd", "ascii", "LPS"),
+        (".nhdr", "bzip2", "right-anterior-superior"),
+        (".mha", "raw", ""),
+        (".mha", "gzip", ""),
+        (".mhd", "raw", ""),
     ],
-)  # fmt: skip
+)
 def test_label_maps_of_other_programs_lie_where_that_of_nifti_does(
     suffix: str, encoding: str, space: str, tmp_path: Path, of_nifti: Surface
 ) -> None:
@@ -236,7 +269,10 @@ def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path: Path)
     plain = nibabel.Nifti1Image(np.asarray(image.dataobj), None)
     plain.header.set_zooms([VOXEL] * 3)
     nibabel.save(plain, tmp_path / "plain.nii")
-    there, voxels = read_surface(path, label=4), read_surface(tmp_path / "plain.nii", axes="y,z,x", label=4)
+    there, voxels = (
+        read_surface(path, label=4),
+        read_surface(tmp_path / "plain.nii", axes="y,z,x", label=4),
+    )
     assert np.ptp(voxels.points - there.points, axis=0) == pytest.approx(0.0, abs=1e-6)
 
 
@@ -259,24 +295,46 @@ def test_models_take_what_was_fitted_and_the_disease_keeps_its_own_depth(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """2.5 mm of cartilage were fitted; osteoarthritis.yaml says 0.5 mm, before it and after it."""
-    mesh, bone = (saved(tmp_path / f"{name}.stl", swept(femoral_curve(TWO_RADII), inwards=inwards))
-                  for name, inwards in (("femur", 0.0), ("bone", 2.5 * MM)))  # fmt: skip
+    mesh, bone = (
+        saved(tmp_path / f"{name}.stl", swept(femoral_curve(TWO_RADII), inwards=inwards))
+        for name, inwards in (("femur", 0.0), ("bone", 2.5 * MM))
+    )
     output = tmp_path / "new" / "profile.csv"
     output.parent.mkdir()
-    assert main(["fit-profile", str(mesh), "--slice", "-18", "--bone", str(bone), "--output", str(output)]) == 0
+    assert (
+        main(
+            [
+                "fit-profile",
+                str(mesh),
+                "--slice",
+                "-18",
+                "--bone",
+                str(bone),
+                "--output",
+                str(output),
+            ]
+        )
+        == 0
+    )
     told = capsys.readouterr().out
     for words in ("convex everywhere", "normals of -15° to 25°", "0.05 mm RMS"):
         assert words in told
     depth = re.search(r"thickness: (\S+)", told)
     assert depth
     assert float(depth[1]) == pytest.approx(2.5 * MM, abs=TOLERANCE)
-    assert sorted(path.name for path in output.parent.iterdir()) == ["profile.csv", "profile.png", "profile.yaml"]
+    assert sorted(path.name for path in output.parent.iterdir()) == [
+        "profile.csv",
+        "profile.png",
+        "profile.yaml",
+    ]
     files = ["osteoarthritis.yaml", str(output.with_suffix(".yaml"))]
     for number, (first, second) in enumerate((files, files[::-1])):
         recording = tmp_path / f"{number}.mcap"
         arguments = ["--params", first, "--params", second, "--output", str(recording)]
         assert main(["solve", str(right_bag), *arguments]) == 0
-        assert re.search(r"largest .* 0\.538 ", capsys.readouterr().out)  # of the healthy law: 0.747 mm
+        assert re.search(
+            r"largest .* 0\.538 ", capsys.readouterr().out
+        )  # of the healthy law: 0.747 mm
         stored = read_provenance(recording)
         assert stored is not None
         assert stored.parameters.femur.profile == str(output)
@@ -288,18 +346,41 @@ def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
     points, triangles = swept(tibial_curve())
     mesh = saved(tmp_path / "tibia.ply", (points - np.array([0.0, 0.023, 0.0]), triangles))
     output = tmp_path / "tibia.csv"
-    assert main(["fit-profile", str(mesh), "--side", "tibia", "--slice", "auto", "--output", str(output)]) == 0
+    assert (
+        main(
+            [
+                "fit-profile",
+                str(mesh),
+                "--side",
+                "tibia",
+                "--slice",
+                "auto",
+                "--output",
+                str(output),
+            ]
+        )
+        == 0
+    )
     x, y = np.genfromtxt(output, delimiter=",", skip_header=6).T
-    assert np.interp(0.0, x, y) == pytest.approx(0.0, abs=1e-6)  # between points 0.75 mm apart on a radius of 95 mm
+    assert np.interp(0.0, x, y) == pytest.approx(
+        0.0, abs=1e-6
+    )  # between points 0.75 mm apart on a radius of 95 mm
     model = load_model([config / "healthy.yaml", output.with_suffix(".yaml")])
-    assert model.run(np.array([0.0, 0.01]), np.array([0.1, 0.2]), np.array([800.0, 800.0])).penetration_depth[1] > 0.0
+    assert (
+        model.run(
+            np.array([0.0, 0.01]), np.array([0.1, 0.2]), np.array([800.0, 800.0])
+        ).penetration_depth[1]
+        > 0.0
+    )
 
 
 def test_the_picture_cuts_nothing() -> None:
     from PIL import Image
 
     found = fit(femur(), MIDDLE, bone=femur(inwards=2.0 * MM))
-    with Image.open(io.BytesIO(picture(found, "a_long_name_of_a_mesh_$_of_somebody.stl"))) as image:
+    with Image.open(
+        io.BytesIO(picture(found, "a_long_name_of_a_mesh_$_of_somebody.stl"))
+    ) as image:
         pixels = np.asarray(image.convert("L"))
     assert (pixels < 200).any()
     for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
@@ -310,10 +391,19 @@ def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published_and_t
     reference_data: Path, config: Path
 ) -> None:
     """The one that the shipped profiles come from; it is not in the project."""
-    names = ("_R_femur_cartilage_surface", "-R-femur-subchondral-bone", "_R_tibia_medial_cartilage_surface",
-             "-R-tibia-subchondral-bone")  # fmt: skip
-    condyle, below, plateau, under = (read_surface(reference_data / f"meshes/lenhart2015{name}.stl") for name in names)
-    of_femur, of_tibia = fit(condyle, MIDDLE, bone=below), fit(plateau, MIDDLE, femur=False, bone=under)
+    names = (
+        "_R_femur_cartilage_surface",
+        "-R-femur-subchondral-bone",
+        "_R_tibia_medial_cartilage_surface",
+        "-R-tibia-subchondral-bone",
+    )
+    condyle, below, plateau, under = (
+        read_surface(reference_data / f"meshes/lenhart2015{name}.stl") for name in names
+    )
+    of_femur, of_tibia = (
+        fit(condyle, MIDDLE, bone=below),
+        fit(plateau, MIDDLE, femur=False, bone=under),
+    )
     first, second, third = radii(of_femur)
     assert first == pytest.approx(34.0 * MM, abs=0.5 * MM)
     assert [second, third] == pytest.approx([26.7 * MM, 21.4 * MM], abs=MM)
@@ -322,11 +412,15 @@ def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published_and_t
     ((begin, end),) = concave(of_tibia.shape)
     assert begin < 0.0 < end
     thickness = [each.thickness.mean for each in (of_femur, of_tibia) if each.thickness]
-    assert thickness == pytest.approx([2.7 * MM, 1.7 * MM], abs=0.05 * MM)  # as the figures were rounded
+    assert thickness == pytest.approx(
+        [2.7 * MM, 1.7 * MM], abs=0.05 * MM
+    )  # as the figures were rounded
     # The slice was chosen by others. Condyles are flat across: within a few mm the radius is the same.
     assert contact_centre(condyle, True, True) == pytest.approx(MIDDLE, abs=4.0 * MM)
     assert contact_centre(condyle, True, False) == pytest.approx(-MIDDLE, abs=8.0 * MM)
-    raw = np.genfromtxt(reference_data / "geometry" / "femur_medial_raw.csv", delimiter=",", skip_header=4)
+    raw = np.genfromtxt(
+        reference_data / "geometry" / "femur_medial_raw.csv", delimiter=",", skip_header=4
+    )
     # It is printed with 1e-5 mm, and the mesh holds 32-bit numbers.
     nearest = [np.hypot(*(of_femur.smoothed.raw / MM - point).T).min() for point in raw]
     assert max(nearest) < 2e-3

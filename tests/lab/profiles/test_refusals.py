@@ -27,14 +27,22 @@ from tests.lab.profiles.meshes import (
 for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
     pytest.importorskip(library, reason="needs the extra mesh")
 
-FEMUR, BONE, TIBIA = swept(femoral_curve()), swept(femoral_curve(), inwards=0.002), swept(tibial_curve())
+FEMUR, BONE, TIBIA = (
+    swept(femoral_curve()),
+    swept(femoral_curve(), inwards=0.002),
+    swept(tibial_curve()),
+)
 SMALL = ((0.0065, -45.0, 150.0),)
 GROWING = ((0.020, -60.0, 40.0), (0.030, 40.0, 150.0))
 LARGE = swept(femoral_curve(TWO_RADII), larger=1.6)
 KNEE, FACES = swept(femoral_curve(TWO_RADII))
 SCANNER = FEMUR[0][:, [2, 0, 1]]
 """The femur's points in a scanner's axes: x right, y anterior, z superior"""
-HOLLOW = 0.008 * np.exp(-(np.linspace(-9.0, 9.0, len(femoral_curve()[0])) ** 2))[:, None] * femoral_curve()[1]
+HOLLOW = (
+    0.008
+    * np.exp(-(np.linspace(-9.0, 9.0, len(femoral_curve()[0])) ** 2))[:, None]
+    * femoral_curve()[1]
+)
 
 
 def unoriented(path: Path) -> None:
@@ -58,7 +66,10 @@ def text(content: str) -> Callable[[Path], Any]:
 
 def mesh(shape: Any = FEMUR, unit: float = 1.0, bone: Any = None) -> Callable[[Path], Any]:
     """Write a mesh, and another one beside it."""
-    return lambda path: [saved(path, shape, unit), *([saved(path.with_name("bone.stl"), bone)] if bone else [])]
+    return lambda path: [
+        saved(path, shape, unit),
+        *([saved(path.with_name("bone.stl"), bone)] if bone else []),
+    ]
 
 
 def cut_off(path: Path) -> None:
@@ -82,8 +93,10 @@ def halves(path: Path) -> None:
     points, normals = femoral_curve(TWO_RADII)
     half = len(points) // 2
     lower, upper = (points + rise * normals for rise in (0.0, 0.0005))
-    sides = (np.pad(part, ((0, 0), (0, 1)), constant_values=z)
-             for part, z in ((lower[: half + 9], -0.019), (upper[half - 9 :], -0.017)))  # fmt: skip
+    sides = (
+        np.pad(part, ((0, 0), (0, 1)), constant_values=z)
+        for part, z in ((lower[: half + 9], -0.019), (upper[half - 9 :], -0.017))
+    )
     np.savetxt(path, np.concatenate([*sides]))
 
 
@@ -97,12 +110,30 @@ CASES = {
     "no file": ("a.stl", lambda _path: None, [], "there is no such file"),
     "a folder": ("a.stl", lambda path: path.mkdir(), [], "is a folder"),
     "another kind": ("a.step", text("x"), [], "must end with one of .stl, .ply, .obj, .vtp"),
-    "garbage STL": ("a.stl", text("no mesh"), [], "cannot be read as a .stl file, or has no faces"),
+    "garbage STL": (
+        "a.stl",
+        text("no mesh"),
+        [],
+        "cannot be read as a .stl file, or has no faces",
+    ),
     "garbage VTP": ("a.vtp", text("<no mesh"), [], "cannot be read as a .vtp file"),
-    **{f"cut-off {kind}": (f"a{kind}", cut_off, [], f"read as a {kind}") for kind in (".stl", ".ply", ".vtp")},
+    **{
+        f"cut-off {kind}": (f"a{kind}", cut_off, [], f"read as a {kind}")
+        for kind in (".stl", ".ply", ".vtp")
+    },
     "no faces": ("a.vtp", only_points, [], "points but no faces"),
-    "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "commas: could not convert string 'two'"),
-    "one column": ("a.xyz", text("1\n2\n"), [], "in columns x, y or x, y, z apart by blanks or commas: it has 2 rows"),
+    "garbage cloud": (
+        "a.txt",
+        text("1 2 3\n1 two 3\n"),
+        [],
+        "commas: could not convert string 'two'",
+    ),
+    "one column": (
+        "a.xyz",
+        text("1\n2\n"),
+        [],
+        "in columns x, y or x, y, z apart by blanks or commas: it has 2 rows",
+    ),
     "empty": ("a.txt", text("# x y z\n"), [], "commas: it has 0 rows"),
     "decimal commas": ("a.txt", text("0,01 -0,02 0,018\n" * 20), [], "with decimal points, "),
     "nan": ("a.xyz", text("0 0 nan\n" * 20), [], "has a point that is not finite"),
@@ -112,59 +143,175 @@ CASES = {
     "in m": ("a.stl", mesh(), ["--unit", "mm"], "likely it is in m, --unit m"),
     "divided twice": ("a.ply", mesh(FEMUR, 1e3), [], "scale it to m or mm first"),
     "beside the mesh": ("a.stl", mesh(), ["--slice", "12"], "--slice 12 misses"),
-    "wrong compartment": ("a.stl", mesh(), ["--slice", "auto", "--compartment", "lateral"],
-                          "nothing on the lateral side"),
-    "no number": ("a.stl", mesh(), ["--slice", "medial"], "--slice medial: it must be a place in mm"),
+    "wrong compartment": (
+        "a.stl",
+        mesh(),
+        ["--slice", "auto", "--compartment", "lateral"],
+        "nothing on the lateral side",
+    ),
+    "no number": (
+        "a.stl",
+        mesh(),
+        ["--slice", "medial"],
+        "--slice medial: it must be a place in mm",
+    ),
     "tibia as femur": ("a.stl", mesh(TIBIA), [], "plausible is 0.35 or more: --side tibia?"),
-    "a trochlea": ("a.stl", mesh(swept(femoral_curve(((0.030, -110.0, 10.0),)))), [], "normals of -110° to 10°"),
-    "in cm as mm": ("a.stl", mesh(LARGE, 1e-2), ["--unit", "mm", "--slice", "-2.88"],
-                    "mm, plausible is 12 or more: is --unit right?"),
-    "another plane": ("a.stl", mesh(swept(femoral_curve(SMALL))), [], "12 or more: is --unit right? see --axes"),
-    "radii that grow": ("a.stl", mesh(swept(femoral_curve(GROWING))), [],
-                        "plausible is 0 to 1.2: are front and back exchanged (then"),
-    "against the header": ("a.stl", lambda path: spaced(path, (SCANNER, FEMUR[1]), "RAS"), ["--axes=-y,z,-x"],
-                           "exchanges front and back: the header of a.stl says SPACE=RAS, where a right knee's are"),
-    "a far origin": ("a.stl", mesh(), ["--origin", "0,80"], ".stl, --origin 0,80: the distance of the condyle"),
-    "a tibia's far origin": ("a.stl", mesh(TIBIA), ["--side", "tibia", "--origin", "0,150"], "plateau is 149"),
-    "no orientation": ("a.nii", unoriented, ["--label", "4"], "has no orientation (its sform and qform codes are 0)"),
-    "no directions": ("a.nrrd", lambda path: replaced(other_map(path, "raw"), b"space: left-posterior-superior\n", b""),
-                      ["--label", "4"], "has no orientation (it has no space directions)"),
-    "no matrix": ("a.mha", lambda path: replaced(other_map(path, "raw"), b"TransformMatrix", b"Comment"),
-                  ["--label", "4"], "has no orientation (it has no TransformMatrix)"),
-    "a pipe's voxels": ("a.nhdr", beside("pipe"), [], "cannot be read: [Errno 22] it is no regular file: 'pipe'"),
+    "a trochlea": (
+        "a.stl",
+        mesh(swept(femoral_curve(((0.030, -110.0, 10.0),)))),
+        [],
+        "normals of -110° to 10°",
+    ),
+    "in cm as mm": (
+        "a.stl",
+        mesh(LARGE, 1e-2),
+        ["--unit", "mm", "--slice", "-2.88"],
+        "mm, plausible is 12 or more: is --unit right?",
+    ),
+    "another plane": (
+        "a.stl",
+        mesh(swept(femoral_curve(SMALL))),
+        [],
+        "12 or more: is --unit right? see --axes",
+    ),
+    "radii that grow": (
+        "a.stl",
+        mesh(swept(femoral_curve(GROWING))),
+        [],
+        "plausible is 0 to 1.2: are front and back exchanged (then",
+    ),
+    "against the header": (
+        "a.stl",
+        lambda path: spaced(path, (SCANNER, FEMUR[1]), "RAS"),
+        ["--axes=-y,z,-x"],
+        "exchanges front and back: the header of a.stl says SPACE=RAS, where a right knee's are",
+    ),
+    "a far origin": (
+        "a.stl",
+        mesh(),
+        ["--origin", "0,80"],
+        ".stl, --origin 0,80: the distance of the condyle",
+    ),
+    "a tibia's far origin": (
+        "a.stl",
+        mesh(TIBIA),
+        ["--side", "tibia", "--origin", "0,150"],
+        "plateau is 149",
+    ),
+    "no orientation": (
+        "a.nii",
+        unoriented,
+        ["--label", "4"],
+        "has no orientation (its sform and qform codes are 0)",
+    ),
+    "no directions": (
+        "a.nrrd",
+        lambda path: replaced(other_map(path, "raw"), b"space: left-posterior-superior\n", b""),
+        ["--label", "4"],
+        "has no orientation (it has no space directions)",
+    ),
+    "no matrix": (
+        "a.mha",
+        lambda path: replaced(other_map(path, "raw"), b"TransformMatrix", b"Comment"),
+        ["--label", "4"],
+        "has no orientation (it has no TransformMatrix)",
+    ),
+    "a pipe's voxels": (
+        "a.nhdr",
+        beside("pipe"),
+        [],
+        "cannot be read: [Errno 22] it is no regular file: 'pipe'",
+    ),
     "a device's voxels": ("a.mhd", beside("/dev/zero"), [], "it is no regular file: '/dev/zero'"),
-    "words for voxels": ("a.nhdr", beside("words", "ascii"), [], "its data are not the 655360 numbers of a text\n"),
-    "half a map": ("a.nrrd", lambda path: path.write_bytes(other_map(path, "raw").read_bytes()[:9999]), [],
-                   "cannot be read: it has"),
-    "another type": ("a.mha", lambda path: replaced(other_map(path, "raw"), b"MET_SHORT", b"MET_STRING"), [],
-                     "cannot be read: data type 'string' not understood"),
+    "words for voxels": (
+        "a.nhdr",
+        beside("words", "ascii"),
+        [],
+        "its data are not the 655360 numbers of a text\n",
+    ),
+    "half a map": (
+        "a.nrrd",
+        lambda path: path.write_bytes(other_map(path, "raw").read_bytes()[:9999]),
+        [],
+        "cannot be read: it has",
+    ),
+    "another type": (
+        "a.mha",
+        lambda path: replaced(other_map(path, "raw"), b"MET_SHORT", b"MET_STRING"),
+        [],
+        "cannot be read: data type 'string' not understood",
+    ),
     "garbage NRRD": ("a.nrrd", text("no map"), [], "it does not begin with NRRD"),
-    "a hollow of 8 mm": ("a.stl", mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))), [],
-                         "is no condyle of a femur: its RMS distance from any profile"),
-    "half a contour": ("a.txt", halves, [], "too few points around the slice to tell the profile ("),
-    "bone outside": ("a.stl", mesh(BONE, bone=FEMUR), ["--bone", "bone.stl"], "is not behind the cartilage"),
-    "bone elsewhere": ("a.stl", mesh(bone=(FEMUR[0] + [0.0, 0.0, 0.05], FEMUR[1])), ["--bone", "bone.stl"],
-                       "misses --bone"),
+    "a hollow of 8 mm": (
+        "a.stl",
+        mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))),
+        [],
+        "is no condyle of a femur: its RMS distance from any profile",
+    ),
+    "half a contour": (
+        "a.txt",
+        halves,
+        [],
+        "too few points around the slice to tell the profile (",
+    ),
+    "bone outside": (
+        "a.stl",
+        mesh(BONE, bone=FEMUR),
+        ["--bone", "bone.stl"],
+        "is not behind the cartilage",
+    ),
+    "bone elsewhere": (
+        "a.stl",
+        mesh(bone=(FEMUR[0] + [0.0, 0.0, 0.05], FEMUR[1])),
+        ["--bone", "bone.stl"],
+        "misses --bone",
+    ),
     "mm for m": ("a.stl", mesh((1e3 * KNEE, FACES)), [], "likely it is in mm"),
     "cm for mm": ("a.stl", mesh((1e2 * KNEE, FACES)), ["--unit=mm"], "largest extent"),
-    "LPS for RAS": ("a.stl", mesh((KNEE[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], FACES)), ["--axes=y,z,x"],
-                    "z = 8.0 to 28.0 mm; or see --axes"),
+    "LPS for RAS": (
+        "a.stl",
+        mesh((KNEE[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], FACES)),
+        ["--axes=y,z,x"],
+        "z = 8.0 to 28.0 mm; or see --axes",
+    ),
     "upside down": ("a.stl", mesh((KNEE * [1.0, -1.0, 1.0], FACES)), [], "looks up"),
     "femur as tibia": ("a.stl", mesh((KNEE, FACES)), ["--side=tibia"], "--side femur"),
-    "a tibia upside down": ("a.stl", mesh((TIBIA[0] * [1.0, -1.0, 1.0], TIBIA[1])), ["--side=tibia"], "upside down"),
-    "origin": ("a.stl", mesh(), ["--origin", "here"], "--origin here: it must be mesh or X,Y in mm"),
+    "a tibia upside down": (
+        "a.stl",
+        mesh((TIBIA[0] * [1.0, -1.0, 1.0], TIBIA[1])),
+        ["--side=tibia"],
+        "upside down",
+    ),
+    "origin": (
+        "a.stl",
+        mesh(),
+        ["--origin", "here"],
+        "--origin here: it must be mesh or X,Y in mm",
+    ),
     "no suffix": ("a.stl", mesh(), ["--output", "b.stl"], "must end with .csv"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", [".vtk", ".vtp"])
 def test_vtk_says_nothing_of_its_own_of_a_damaged_file(kind: str, tmp_path: Path) -> None:
     """In a process of its own, as pytest takes what goes through Python's logging."""
-    for name, content in (("empty", b""), ("half", saved(tmp_path / f"a{kind}", FEMUR).read_bytes()[:50_000])):
+    for name, content in (
+        ("empty", b""),
+        ("half", saved(tmp_path / f"a{kind}", FEMUR).read_bytes()[:50_000]),
+    ):
         path = tmp_path / f"{name}{kind}"
         path.write_bytes(content)
-        command = [sys.executable, "-m", "knee_contact_ros.commands.main", "fit-profile", str(path), "--slice=0"]
-        done = subprocess.run([*command, f"--output={path}.csv"], capture_output=True, text=True, check=False)
+        command = [
+            sys.executable,
+            "-m",
+            "knee_contact_ros.commands.main",
+            "fit-profile",
+            str(path),
+            "--slice=0",
+        ]
+        done = subprocess.run(
+            [*command, f"--output={path}.csv"], capture_output=True, text=True, check=False
+        )
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
 
 
@@ -188,7 +335,14 @@ def test_one_line_says_what_is_wrong(
 def test_an_existing_profile_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "b.csv"
     output.write_text("mine")
-    arguments = ["fit-profile", str(saved(tmp_path / "a.stl", FEMUR)), "--slice", "-18", "--output", str(output)]
+    arguments = [
+        "fit-profile",
+        str(saved(tmp_path / "a.stl", FEMUR)),
+        "--slice",
+        "-18",
+        "--output",
+        str(output),
+    ]
     assert main(arguments) == 2
     assert "b.csv exists already; choose another name, or --overwrite" in capsys.readouterr().err
     assert output.read_text() == "mine"

@@ -17,8 +17,15 @@ def bags(config: Path) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path], config: Path) -> Path:
+def recording(
+    tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path], config: Path
+) -> Path:
     """The right knee as we record it."""
     path = tmp_path_factory.mktemp("recording") / "knee.mcap"
-    solve(bags[0], load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]), path, silent)
+    solve(
+        bags[0],
+        load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]),
+        path,
+        silent,
+    )
     return path

@@ -22,7 +22,9 @@ def text_of(folder: Path) -> str:
 
 def check_html(page: str) -> None:
     """Raise at the first error of an HTML5 page, where the parser is installed."""
-    html5lib = pytest.importorskip("html5lib", reason="html5lib is not installed (dependency group dev)")
+    html5lib = pytest.importorskip(
+        "html5lib", reason="html5lib is not installed (dependency group dev)"
+    )
     html5lib.HTMLParser(strict=True).parse(page)
 
 
@@ -34,7 +36,10 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 def runs_of(path: Path) -> dict[str, list[dict[str, str]]]:
     """Rows by run."""
     rows = rows_of(path)
-    return {run: [row for row in rows if row["run"] == run] for run in dict.fromkeys(row["run"] for row in rows)}
+    return {
+        run: [row for row in rows if row["run"] == run]
+        for run in dict.fromkeys(row["run"] for row in rows)
+    }
 
 
 def numbers(rows: list[dict[str, str]], column: str) -> np.ndarray:

@@ -12,7 +12,9 @@ import pytest
 from knee_contact_ros.commands.main import main
 from tests.helpers.browser import requested
 
-pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
+pytest.importorskip(
+    "matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7"
+)
 WIDTHS = (1600, 420)
 """[px] of a desk's screen and of a telephone's"""
 
@@ -22,7 +24,14 @@ def page(tmp_path_factory: pytest.TempPathFactory, config: Path) -> Path:
     """Both knees with a femur from MRI, healthy beside osteoarthritic: all figures there are."""
     output = tmp_path_factory.mktemp("browser") / "out"
     bags = [str(config.parent / "bags" / f"gait2354_{side}") for side in ("right", "left")]
-    parameters = ["--params", "healthy.yaml", "--params", "mri_femur.yaml", "--compare", "osteoarthritis.yaml"]
+    parameters = [
+        "--params",
+        "healthy.yaml",
+        "--params",
+        "mri_femur.yaml",
+        "--compare",
+        "osteoarthritis.yaml",
+    ]
     assert main(["report", *bags, *parameters, "--output", str(output)]) == 0
     return output / "report.html"
 
@@ -51,7 +60,9 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
     assert max(browser.execute_script(f"return {ends}")) < 1.0
     # Tables may be scrolled; the page itself is as wide as the screen.
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
-    tables = browser.execute_script("return [...document.querySelectorAll('table')].map(t => t.innerText)")
+    tables = browser.execute_script(
+        "return [...document.querySelectorAll('table')].map(t => t.innerText)"
+    )
     text = "\n".join(tables)
     for words in ("largest depth", "0.747", "impulse of stance [BW s]"):
         assert words in text

@@ -11,8 +11,16 @@ from knee_contact_ros.lab.report.runs import between
 from knee_contact_ros.parameters.files import load_parameters
 from tests.lab.report.pages import numbers, runs_of, text_of
 
-pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
-HEAVY = {"body_weight": 931.6, "load.share": 0.6, "femur.radius": 0.036, "femur.mass": 11.8, "contact.damping": 4000.0}
+pytest.importorskip(
+    "matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7"
+)
+HEAVY = {
+    "body_weight": 931.6,
+    "load.share": 0.6,
+    "femur.radius": 0.036,
+    "femur.mass": 11.8,
+    "contact.damping": 4000.0,
+}
 WHOLE = """/**/knee_contact:
   ros__parameters:
     body_weight: 700.0
@@ -31,7 +39,9 @@ def whole(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, whole: Path, capsys) -> None:
+def test_a_heavy_subject_stays_itself(
+    bags: tuple[Path, Path], tmp_path: Path, whole: Path, capsys
+) -> None:
     """95 kg, a share of 0.6 and a femur of his own: the peaks in BW are the same, whatever the file sets beside."""
     subject = [text for name, value in HEAVY.items() for text in ("-p", f"{name}:={value}")]
     arguments = ["--compare", str(whole), "--output", str(tmp_path / "out")]
@@ -40,7 +50,9 @@ def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, w
     assert [row["load_BW"] for row in own] == [row["load_BW"] for row in other]
     for row in (own[1], other[1]):  # of the shipped right knee 0.5 of it are 1556.9 N
         assert float(row["load_BW"]) == pytest.approx(1556.9 / 0.5 * 0.6 / 931.6, abs=1e-4)
-        assert float(row["contact_force_BW"]) == pytest.approx(float(row["load_BW"]), abs=0.05)  # hertz rings
+        assert float(row["contact_force_BW"]) == pytest.approx(
+            float(row["load_BW"]), abs=0.05
+        )  # hertz rings
     assert own[1]["penetration_depth_mm"] != other[1]["penetration_depth_mm"]
     told = "body_weight 931.6 (not 700)"
     assert told in text_of(tmp_path / "out")
@@ -50,15 +62,29 @@ def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, w
 @pytest.mark.parametrize(
     ("values", "lines"),
     [
-        ({"contact.layer_depth": 1e-3, "deadline": 0.2}, []),  # which the law does not use, and no answer depends on
+        (
+            {"contact.layer_depth": 1e-3, "deadline": 0.2},
+            [],
+        ),  # which the law does not use, and no answer depends on
         ({"contact.damping": 0.0}, ["contact.damping: 5000 → 0 N s/m"]),
-        ({"contact.stiffness_from": "material"}, ["contact.stiffness: 7.90569e+07 → 4.30314e+06 N/m^n"]),
+        (
+            {"contact.stiffness_from": "material"},
+            ["contact.stiffness: 7.90569e+07 → 4.30314e+06 N/m^n"],
+        ),
         ({"contact.allow_tension": True}, ["contact.allow_tension: no → yes"]),
-        ({"body_weight": 800.0, "contact.law": "hertz"},
-         ["body_weight: 737.068 → 800 N", "contact.law: kelvin_voigt → hertz", "contact.damping: 5000 → – N s/m"]),
+        (
+            {"body_weight": 800.0, "contact.law": "hertz"},
+            [
+                "body_weight: 737.068 → 800 N",
+                "contact.law: kelvin_voigt → hertz",
+                "contact.damping: 5000 → – N s/m",
+            ],
+        ),
     ],
-)  # fmt: skip
-def test_what_differs_is_told_as_far_as_it_is_used(values: dict[str, object], lines: list[str]) -> None:
+)
+def test_what_differs_is_told_as_far_as_it_is_used(
+    values: dict[str, object], lines: list[str]
+) -> None:
     assert between([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
@@ -72,5 +98,10 @@ def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(
     compare = ["--compare", str(config / "osteoarthritis.yaml"), "--output", str(tmp_path / "out")]
     assert main(["report", *map(str, recordings), *compare]) == 0
     runs = runs_of(tmp_path / "out" / "peaks.csv")
-    assert [label.split(",")[0] for label in runs] == ["knee (1)", "knee (1)", "knee (2)", "knee (2)"]
+    assert [label.split(",")[0] for label in runs] == [
+        "knee (1)",
+        "knee (1)",
+        "knee (2)",
+        "knee (2)",
+    ]
     assert all(len(numbers(rows, "load_N")) == 4 for rows in runs.values())

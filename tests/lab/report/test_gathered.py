@@ -20,8 +20,15 @@ SECOND = 1_000_000_000
 def gathered(samples: Samples, **columns: np.ndarray) -> Gathered:
     """Of answers to angle and load: a contact force that is the load, and other fields as given, else 0."""
     stamps, angle, load = samples
-    known = {"stamp": stamps, "flexion_angle": angle, "load": load, "contact_force": load,
-             "penetration_depth": 1e-6 * load, "contact_state": np.ones(len(stamps)), **columns}  # fmt: skip
+    known = {
+        "stamp": stamps,
+        "flexion_angle": angle,
+        "load": load,
+        "contact_force": load,
+        "penetration_depth": 1e-6 * load,
+        "contact_state": np.ones(len(stamps)),
+        **columns,
+    }
     zero = np.zeros(len(stamps))
     return Gathered({name: known.get(name, zero) for name in FIELDS}, BODY_WEIGHT, Doubts())
 
@@ -34,7 +41,9 @@ def test_walking_has_its_cycles() -> None:
     rate = 100.0
     stamps, angle, load = walking(rate, 30.0)
     state = np.where(load > 900.0, 2.0, np.where(load < 130.0, 0.0, 1.0))
-    found = gathered((stamps, angle, load), contact_state=state, sliding_velocity=np.full(len(load), -0.03))
+    found = gathered(
+        (stamps, angle, load), contact_state=state, sliding_velocity=np.full(len(load), -0.03)
+    )
     assert len(found.spans) == found.strikes == 24  # from 0.08 to 29.72 s
     strides = found.strides
     # Durations: straight lines of 10 ms between samples. Stance: of the ground reaction 64.1 %
@@ -42,27 +51,45 @@ def test_walking_has_its_cycles() -> None:
     assert strides["stance_percent"].mean() == pytest.approx(64.0, abs=0.5)
     assert found.peaks.dropna(subset="cycle")["peak"].tolist() == ["first", "second"] * 24
     first = found.peaks[found.peaks["peak"] == "first"]["gait_cycle_percent"]
-    assert first.to_numpy() == pytest.approx(100.0 * (0.785 - 0.618) / STRIDE, abs=1.0)  # a strike is off by 4 ms
+    assert first.to_numpy() == pytest.approx(
+        100.0 * (0.785 - 0.618) / STRIDE, abs=1.0
+    )  # a strike is off by 4 ms
     time = (stamps - stamps[0]) / SECOND
-    for span, curves, (_, numbers) in zip(found.spans, found.curves["load"], strides.iterrows(), strict=True):
-        begin, toe_off, end = ((stamp - int(stamps[0])) / SECOND for stamp in (span.start, span.toe_off, span.end))
+    for span, curves, (_, numbers) in zip(
+        found.spans, found.curves["load"], strides.iterrows(), strict=True
+    ):
+        begin, toe_off, end = (
+            (stamp - int(stamps[0])) / SECOND for stamp in (span.start, span.toe_off, span.end)
+        )
         at = begin + (end - begin) * PERCENT / 100.0
         # Stamps are rounded to 1 ns, of a load that changes by some 100 kN/s at most
         assert curves == pytest.approx(np.interp(at, time, load), abs=1e-3)
         for name, until in (("impulse_N_s", end), ("stance_impulse_N_s", toe_off)):
-            fine = np.unique(np.concatenate([[begin, until], time[(time > begin) & (time < until)]]))
+            fine = np.unique(
+                np.concatenate([[begin, until], time[(time > begin) & (time < until)]])
+            )
             force = np.interp(fine, time, load)
-            assert numbers[name] == pytest.approx(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(fine)), rel=1e-6)
+            assert numbers[name] == pytest.approx(
+                np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(fine)), rel=1e-6
+            )
         inside = (time > begin) & (time <= end)
-        assert numbers["bone_contact_s"] == pytest.approx((state[inside] == 2.0).sum() / rate, abs=1.0 / rate)
-        assert numbers["lifted_off_s"] == pytest.approx((state[inside] == 0.0).sum() / rate, abs=1.0 / rate)
+        assert numbers["bone_contact_s"] == pytest.approx(
+            (state[inside] == 2.0).sum() / rate, abs=1.0 / rate
+        )
+        assert numbers["lifted_off_s"] == pytest.approx(
+            (state[inside] == 0.0).sum() / rate, abs=1.0 / rate
+        )
         touching = numbers["duration_s"] - numbers["lifted_off_s"]
         assert numbers["sliding_distance_mm"] == pytest.approx(30.0 * touching, rel=1e-9)
         assert numbers["largest_sliding_velocity_mm_per_s"] == 30.0
         assert numbers["largest_contact_force_N"] == pytest.approx(load[inside].max(), rel=1e-9)
-        assert numbers["largest_penetration_depth_mm"] == pytest.approx(1e-3 * load[inside].max(), rel=1e-9)
+        assert numbers["largest_penetration_depth_mm"] == pytest.approx(
+            1e-3 * load[inside].max(), rel=1e-9
+        )
     assert strides["largest_peak_pressure_MPa"].isna().all()  # the model is not known
-    ramp = np.interp((stamps - found.spans[0].start) / SECOND, [0.0, 0.1, 0.2], [100.0, 100.0, 600.0])  # 5000 N/s
+    ramp = np.interp(
+        (stamps - found.spans[0].start) / SECOND, [0.0, 0.1, 0.2], [100.0, 100.0, 600.0]
+    )  # 5000 N/s
     steep = gathered((stamps, angle, load), contact_force=ramp).strides["loading_rate_N_per_s"]
     assert steep[0] == pytest.approx(5000.0, rel=1e-6)  # stamps: 1 ns in 20 ms
 
@@ -72,13 +99,22 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     stamps[1500:] -= 2 * SECOND
     stamps[2000:] += 3 * SECOND
     flags = np.where(load > 1200.0, 9.0, 0.0)
-    found = gathered((stamps, angle, load), error_estimate=1e-9 * load, status=flags,
-                     force_error_estimate=np.where(np.arange(len(load)) == 7, np.nan, 1.0))  # fmt: skip
+    found = gathered(
+        (stamps, angle, load),
+        error_estimate=1e-9 * load,
+        status=flags,
+        force_error_estimate=np.where(np.arange(len(load)) == 7, np.nan, 1.0),
+    )
     number = np.count_nonzero(load > 1200.0)
     assert told(found)["ticks not converged"] == str(number)
     assert told(found)["ticks flagged otherwise"] == f"{number} ({number} × STALE_INPUT)"
-    assert found.seconds.sum() == pytest.approx(2397 * 0.005, abs=1e-6)  # 2399 steps, without the one back and the gap
+    assert found.seconds.sum() == pytest.approx(
+        2397 * 0.005, abs=1e-6
+    )  # 2399 steps, without the one back and the gap
     assert found.elapsed[1500] == found.elapsed[1499]  # as if it had gone on at once
     median, largest = 1e3 * np.median(load), 1e3 * load.max()
-    assert told(found)["error bound of the depth"] == f"{1e-6 * largest:.2g} µm at most, {1e-6 * median:.2g} µm median"
+    assert (
+        told(found)["error bound of the depth"]
+        == f"{1e-6 * largest:.2g} µm at most, {1e-6 * median:.2g} µm median"
+    )
     assert told(found)["error bound of the contact force"] == "no bound at most, 1 N median"

@@ -30,14 +30,31 @@ def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_p
     assert tuple(rows[0]) == ("run", *UNCERTAINTY_COLUMNS)
     assert {row["run"] for row in rows} == {"gait2354_right"}  # a comparison has none of its own
     assert [row["input"] for row in rows] == [
-        "axial_load", "medial_share", "contact.stiffness", "femur.radius", ALL_OF_THEM, NUMERICAL,
-    ]  # fmt: skip
-    assert [row["standard_deviation"] for row in rows] == ["5 %", "0.06", "20 %", "0.002 m", "", ""]
+        "axial_load",
+        "medial_share",
+        "contact.stiffness",
+        "femur.radius",
+        ALL_OF_THEM,
+        NUMERICAL,
+    ]
+    assert [row["standard_deviation"] for row in rows] == [
+        "5 %",
+        "0.06",
+        "20 %",
+        "0.002 m",
+        "",
+        "",
+    ]
     found = knee_contact_ros.uncertainty(right_bag, "healthy", deviations).medial
     at = int(found.rows["load"].argmax())
-    expected = [part[0][at] for part in found.parts.values()] + [found.depth[at], found.rows["error_estimate"][at]]
+    expected = [part[0][at] for part in found.parts.values()] + [
+        found.depth[at],
+        found.rows["error_estimate"][at],
+    ]
     # nine digits in the file
-    assert [float(row["depth_at_largest_load_um"]) for row in rows] == pytest.approx([1e6 * x for x in expected], 1e-8)
+    assert [float(row["depth_at_largest_load_um"]) for row in rows] == pytest.approx(
+        [1e6 * x for x in expected], 1e-8
+    )
     check_html(page_of(out))
     text = text_of(out)
     low, high = (1e3 * edge[at] for edge in found.depth_interval())
@@ -48,15 +65,22 @@ def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_p
     assert "JCGM" not in text_of(out)
 
 
-def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp_path: Path) -> None:
+def test_both_compartments_of_a_recording(
+    right_bag: Path, deviations: Path, tmp_path: Path
+) -> None:
     recording = tmp_path / "both.mcap"
     sources = ["--params", "healthy", "--params", "both_compartments"]
     assert main(["solve", str(right_bag), *sources, "--output", str(recording)]) == 0
     out = tmp_path / "out"
-    assert main(["report", str(recording), "--output", str(out), "--uncertainty", str(deviations)]) == 0
+    assert (
+        main(["report", str(recording), "--output", str(out), "--uncertainty", str(deviations)])
+        == 0
+    )
     shares = [row for row in rows_of(out / "uncertainty.csv") if row["input"] == "medial_share"]
     assert [row["run"] for row in shares] == ["both medial", "both lateral"]
     medial, lateral = (float(row["force_at_largest_load_N"]) for row in shares)
-    assert medial == pytest.approx(-lateral, rel=0.01)  # quasi-static: what one gains the other loses
+    assert medial == pytest.approx(
+        -lateral, rel=0.01
+    )  # quasi-static: what one gains the other loses
     assert (out / "uncertainty_2.png").exists()
     assert "femur.profile: femur_medial.csv, femur_lateral.csv" in text_of(out)

@@ -14,7 +14,10 @@ Client = pytest.importorskip("distributed", reason="the extra sweep is not insta
 @pytest.fixture(scope="package")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """The workers run in another folder than the client: names relative to one mean nothing in the other."""
-    cluster, elsewhere = Cluster(tmp_path_factory.mktemp("cluster")), tmp_path_factory.mktemp("elsewhere")
+    cluster, elsewhere = (
+        Cluster(tmp_path_factory.mktemp("cluster")),
+        tmp_path_factory.mktemp("elsewhere"),
+    )
     for _ in range(2):
         cluster.add_worker(elsewhere)
     with Client(cluster.address, set_as_default=False) as client:

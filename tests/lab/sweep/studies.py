@@ -47,8 +47,12 @@ def started(*arguments: str, cwd: Path = ROOT, **options: Any) -> subprocess.Pop
     """A process of Python, in a group of its own, as a terminal has it."""
     own = {"PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
     return subprocess.Popen(
-        [sys.executable, *arguments], cwd=cwd, env=os.environ | own, start_new_session=True, **options
-    )  # fmt: skip
+        [sys.executable, *arguments],
+        cwd=cwd,
+        env=os.environ | own,
+        start_new_session=True,
+        **options,
+    )
 
 
 def end(process: subprocess.Popen[Any]) -> None:
@@ -74,7 +78,10 @@ class Cluster:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{self.port}"
-        self._quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": (folder / "log").open("ab")}
+        self._quiet: dict[str, Any] = {
+            "stdout": subprocess.DEVNULL,
+            "stderr": (folder / "log").open("ab"),
+        }
         self._folder = folder
         self.workers: list[subprocess.Popen[bytes]] = []
         self.start_scheduler()
@@ -93,7 +100,9 @@ class Cluster:
     def add_worker(self, cwd: Path = ROOT) -> None:
         """Start a worker with one thread, in a folder."""
         options = f"{self.address} --host 127.0.0.1 --nthreads 1 --no-nanny --no-dashboard --local-directory"
-        worker = started("-m", "dask", "worker", *options.split(), str(self._folder), cwd=cwd, **self._quiet)
+        worker = started(
+            "-m", "dask", "worker", *options.split(), str(self._folder), cwd=cwd, **self._quiet
+        )
         self.workers.append(worker)
 
     def close(self) -> None:

@@ -36,7 +36,9 @@ def asked(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def expected(asked: Path, cluster: Cluster, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+def expected(
+    asked: Path, cluster: Cluster, tmp_path_factory: pytest.TempPathFactory
+) -> pd.DataFrame:
     """Its table, when nothing happens."""
     folder = tmp_path_factory.mktemp("expected")
     assert computed(read_study(asked, Study), folder, scheduler=cluster.address)[1] == CASES
@@ -62,7 +64,9 @@ def begun(asked: Path, out: Path, *options: str, files: int = 2) -> subprocess.P
     return client
 
 
-def assert_goes_on(asked: Path, out: Path, address: str, expected: pd.DataFrame, files: int = 1) -> None:
+def assert_goes_on(
+    asked: Path, out: Path, address: str, expected: pd.DataFrame, files: int = 1
+) -> None:
     """The next run computes the rest."""
     there, now, _ = computed(read_study(asked, Study), out, scheduler=address)
     assert there >= A_BLOCK * files
@@ -75,7 +79,9 @@ def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_p
     with ThreadPoolExecutor() as pool:
         client = pool.submit(computed, read_study(asked, Study), out, scheduler=own.address)
         for files in sorted(random.sample(range(1, 13), 2)):
-            wait_until(lambda files=files: len(list(out.glob("cases-*"))) >= files or client.done())
+            wait_until(
+                lambda files=files: len(list(out.glob("cases-*"))) >= files or client.done()
+            )
             time.sleep(random.uniform(0.0, 0.1))
             own.add_worker()
             end(own.workers[-2])
@@ -83,7 +89,9 @@ def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_p
     assert_same(table(out), expected)
 
 
-def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
+def test_a_killed_scheduler(
+    asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path
+) -> None:
     out, files = tmp_path / "out", random.randint(1, 10)
     client = begun(asked, out, "--scheduler", own.address, files=files)
     end(own.scheduler)
@@ -101,9 +109,13 @@ def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, t
 
 def in_group(leader: int) -> list[str]:
     """Processes of a group that still run."""
-    told = subprocess.run(["/bin/ps", "-eo", "pgid,stat,pid"], capture_output=True, text=True, check=True).stdout
+    told = subprocess.run(
+        ["/bin/ps", "-eo", "pgid,stat,pid"], capture_output=True, text=True, check=True
+    ).stdout
     rows = [line.split() for line in told.splitlines()[1:]]
-    return [pid for group, state, pid in rows if group == str(leader) and not state.startswith("Z")]
+    return [
+        pid for group, state, pid in rows if group == str(leader) and not state.startswith("Z")
+    ]
 
 
 @pytest.mark.parametrize("interrupted", [True, False])
@@ -126,7 +138,9 @@ def test_a_client_that_ends_leaves_no_process(
     assert_goes_on(asked, out, cluster.address, expected)
 
 
-def test_a_full_disk(asked: Path, expected: pd.DataFrame, cluster: Cluster, small_disk: Path) -> None:
+def test_a_full_disk(
+    asked: Path, expected: pd.DataFrame, cluster: Cluster, small_disk: Path
+) -> None:
     remount(small_disk, "size=150k")
     out = small_disk / "out"
     with pytest.raises(IncompleteError, match=f"output {out}: No space left on device"):

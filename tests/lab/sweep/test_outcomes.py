@@ -34,19 +34,28 @@ def assert_outcomes(row: Any, series: Any, begins: list[int]) -> None:
         return float((0.5 * steps * (values[1:] + values[:-1]))[follows].sum())
 
     found = {
-        "peak_force": series["contact_force"].max(), "peak_depth": series["penetration_depth"].max(),
-        "error_bound": series["error_estimate"].max(), "force_error_bound": series["force_error_estimate"].max(),
-        "peak_pressure": readouts["peak_pressure"].max(), "peak_strain": readouts["strain"].max(),
-        "not_converged": ((series["status"] & Status.NOT_CONVERGED) != 0).sum(), "ticks": len(series),
-        "implausible": ((series["status"] & Status.IMPLAUSIBLE) != 0).sum(), "evaluations": series["evaluations"].sum(),
-        "impulse": over_time(series["contact_force"]), "contact_time": over_time(touching),
+        "peak_force": series["contact_force"].max(),
+        "peak_depth": series["penetration_depth"].max(),
+        "error_bound": series["error_estimate"].max(),
+        "force_error_bound": series["force_error_estimate"].max(),
+        "peak_pressure": readouts["peak_pressure"].max(),
+        "peak_strain": readouts["strain"].max(),
+        "not_converged": ((series["status"] & Status.NOT_CONVERGED) != 0).sum(),
+        "ticks": len(series),
+        "implausible": ((series["status"] & Status.IMPLAUSIBLE) != 0).sum(),
+        "evaluations": series["evaluations"].sum(),
+        "impulse": over_time(series["contact_force"]),
+        "contact_time": over_time(touching),
         "bone_time": over_time(np.asarray(series["contact_state"]) == ContactState.BONE),
         "peak_loading_rate": (np.diff(series["contact_force"]) / steps)[follows].max(),
         "path_length": way[follows & touching[1:] & touching[:-1]].sum(),
         "sliding_distance": over_time(np.abs(series["sliding_velocity"]) * touching),
-    }  # fmt: skip
+    }
     assert set(found) == set(OUTCOMES)
-    for name, value in found.items():  # sums of some hundred numbers, in another order: 1e-12 of them
+    for (
+        name,
+        value,
+    ) in found.items():  # sums of some hundred numbers, in another order: 1e-12 of them
         assert row[name] == pytest.approx(float(value), rel=1e-12, abs=1e-15), name
 
 
@@ -70,7 +79,7 @@ def test_cases_have_the_bits_of_single_runs_with_time_resets(threads: int, compi
     knees = Knees(recording(RESETS), load_parameters(total), {})
     cases: list[dict[str, Any]] = [
         {"contact.damping": value, "fidelity.tolerance": 1e-7} for value in (0.0, 2e3, 5e4)
-    ]  # fmt: skip
+    ]
     cases += [TWO_LAYERS, {"contact.stiffness": 1e7, "translation.mechanism": "ball_and_socket"}]
     computed = compute(knees, cases, series=True, threads=threads, compiled=compiled)
     for i, case in enumerate(cases):
@@ -98,14 +107,28 @@ LOADED = STILL | {"axial_load": [700.0, 700.0]}
 @pytest.mark.parametrize(
     ("gait", "params", "said"),
     [
-        (STILL, {}, "need time, flexion_angle, axial_load and allow time, flexion_angle, axial_load, frontal_moment$"),
+        (
+            STILL,
+            {},
+            "need time, flexion_angle, axial_load and allow time, flexion_angle, axial_load, frontal_moment$",
+        ),
         (LOADED | {"femoral_height": [0.0, 0.0]}, {}, "femoral_height is not allowed"),
         (LOADED, {"drive": "displacement"}, "need time, flexion_angle, femoral_height and allow"),
-        (LOADED, {"load.compartment": "moment_balance"}, "need time, flexion_angle, axial_load, frontal_moment"),
-        (STILL | {"axial_load": np.ma.masked_less([1.0, 7.0], 5.0)}, {}, "must be finite, and not masked"),
+        (
+            LOADED,
+            {"load.compartment": "moment_balance"},
+            "need time, flexion_angle, axial_load, frontal_moment",
+        ),
+        (
+            STILL | {"axial_load": np.ma.masked_less([1.0, 7.0], 5.0)},
+            {},
+            "must be finite, and not masked",
+        ),
     ],
 )
-def test_arrays_that_the_parameters_need_are_not_assumed(gait: Any, params: dict[str, Any], said: str) -> None:
+def test_arrays_that_the_parameters_need_are_not_assumed(
+    gait: Any, params: dict[str, Any], said: str
+) -> None:
     with pytest.raises(knee_contact_ros.UsageError, match=f"^gait: .*{said}"):
         knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, params)
 
@@ -117,9 +140,11 @@ def test_a_case_whose_rule_needs_a_moment_fails_without_one() -> None:
 
 @pytest.mark.parametrize(
     ("params", "values"),
-    [("osteoarthritis", {"femur.mass": 8.0}),
-     ("both_compartments", {"load.share": 0.6, "lateral.contact.damping": 1e3})],
-)  # fmt: skip
+    [
+        ("osteoarthritis", {"femur.mass": 8.0}),
+        ("both_compartments", {"load.share": 0.6, "lateral.contact.damping": 1e3}),
+    ],
+)
 def test_a_bag_gives_what_solve_does(params: str, values: dict[str, Any], right_bag: Path) -> None:
     varied: dict[str, Any] = values | {"contact.damping": [1e3, 5e3]}
     found = knee_contact_ros.sweep(right_bag, varied, params, series=True)
@@ -128,7 +153,9 @@ def test_a_bag_gives_what_solve_does(params: str, values: dict[str, Any], right_
         sides.append((found.lateral, found.lateral_series))
     assert (len(sides) == 2) == (params == "both_compartments")
     for i, damping in enumerate(varied["contact.damping"]):
-        medial = knee_contact_ros.solve(right_bag, params, values | {"contact.damping": damping}, compiled=False)
+        medial = knee_contact_ros.solve(
+            right_bag, params, values | {"contact.damping": damping}, compiled=False
+        )
         for (outcome, series), alone in zip(sides, (medial, medial.lateral), strict=False):
             assert series is not None
             assert alone is not None

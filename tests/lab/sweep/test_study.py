@@ -36,10 +36,20 @@ Capture = pytest.CaptureFixture[str]
 
 
 def test_every_case_stands_once_and_the_last_name_changes_soonest() -> None:
-    grid = {"contact.damping": [0.0, 1e3, 2e3], "femur.mass": {"from": 1.0, "to": 3.0, "number": 3}}
+    grid = {
+        "contact.damping": [0.0, 1e3, 2e3],
+        "femur.mass": {"from": 1.0, "to": 3.0, "number": 3},
+    }
     sample = {"n": 4, "ranges": {"contact.stiffness": [5e7, 1e8]}}
-    asked = Study(bags=["a", "b"], params=["healthy", ["healthy", "osteoarthritis"]], grid=grid, sample=sample)
-    assert asked.knees == list(itertools.product("ab", [("healthy",), ("healthy", "osteoarthritis")]))
+    asked = Study(
+        bags=["a", "b"],
+        params=["healthy", ["healthy", "osteoarthritis"]],
+        grid=grid,
+        sample=sample,
+    )
+    assert asked.knees == list(
+        itertools.product("ab", [("healthy",), ("healthy", "osteoarthritis")])
+    )
     found = [tuple(values.values()) for values in asked.variants()]
     assert len(found) == asked.number / 4 == 36
     drawn = [values[2] for values in found[:4]]
@@ -49,7 +59,9 @@ def test_every_case_stands_once_and_the_last_name_changes_soonest() -> None:
 @pytest.mark.parametrize("method", ["sobol", "random"])
 @settings(max_examples=30)
 @given(few=st.integers(1, 40), more=st.integers(1, 40), seed=st.integers(0, 2**31))
-def test_a_sample_that_has_grown_begins_with_the_same_points(method: str, few: int, more: int, seed: int) -> None:
+def test_a_sample_that_has_grown_begins_with_the_same_points(
+    method: str, few: int, more: int, seed: int
+) -> None:
     def drawn(n: int) -> np.ndarray:
         design = studies.Sample(method=method, n=n, seed=seed, ranges=RANGES)
         return design.points()
@@ -60,14 +72,18 @@ def test_a_sample_that_has_grown_begins_with_the_same_points(method: str, few: i
     assert (longer <= [1e4, 10.0]).all()
 
 
-def test_the_table_is_that_of_single_runs_on_any_workers(right_bag: Path, address: str, tmp_path: Path) -> None:
+def test_the_table_is_that_of_single_runs_on_any_workers(
+    right_bag: Path, address: str, tmp_path: Path
+) -> None:
     asked = study(right_bag, params=["healthy", "osteoarthritis"], grid=GRID)
     assert computed(asked, tmp_path / "theirs", scheduler=address) == (0, 40, 0)
     assert computed(asked, tmp_path / "ours", workers=1) == (0, 40, 0)
     found = table(tmp_path / "theirs")
     assert_same(found, table(tmp_path / "ours"))
     for _, row in found.iloc[::13].iterrows():
-        alone = knee_contact_ros.solve(right_bag, row["params"], {name: row[name] for name in GRID})
+        alone = knee_contact_ros.solve(
+            right_bag, row["params"], {name: row[name] for name in GRID}
+        )
         assert row["peak_force"] == alone.contact_force.max()
         assert row["peak_depth"] == alone.penetration_depth.max()
         assert row["bag"] == str(right_bag)
@@ -88,11 +104,18 @@ def test_only_what_is_new_is_computed(right_bag: Path, address: str, tmp_path: P
     assert computed(twice, tmp_path / "twice", scheduler=address)[:2] == (2, 2)
 
 
-def test_failed_cases_are_rows_with_a_reason(right_bag: Path, address: str, tmp_path: Path) -> None:
-    asked = study(right_bag, values={"tibia.geometry": "circle"}, grid={"tibia.radius": [0.02, 0.03, 0.09]})
+def test_failed_cases_are_rows_with_a_reason(
+    right_bag: Path, address: str, tmp_path: Path
+) -> None:
+    asked = study(
+        right_bag, values={"tibia.geometry": "circle"}, grid={"tibia.radius": [0.02, 0.03, 0.09]}
+    )
     assert computed(asked, tmp_path / "out", scheduler=address) == (0, 3, 2)
     found = table(tmp_path / "out").sort_values("tibia.radius", ignore_index=True)
-    assert found["failed"][0] == "parameter tibia.radius: 0.02 is not allowed; it must exceed femur.radius, 0.034"
+    assert (
+        found["failed"][0]
+        == "parameter tibia.radius: 0.02 is not allowed; it must exceed femur.radius, 0.034"
+    )
     assert list(found["failed"] == "") == [False, False, True]
     assert list(found["peak_force"].isna()) == [True, True, False]
     *numbers, missing = run_study(asked, str(tmp_path / "out"), scheduler=address)
@@ -103,7 +126,9 @@ def test_a_damaged_or_implausible_bag_is_told_and_a_recording_whose_parameters_a
     right_bag: Path, address: str, tmp_path: Path, capfd: Capture
 ) -> None:
     (file,) = right_bag.glob("*.mcap")
-    damaged, upside_down, recorded = (tmp_path / f"{name}.mcap" for name in ("damaged", "upside_down", "recorded"))
+    damaged, upside_down, recorded = (
+        tmp_path / f"{name}.mcap" for name in ("damaged", "upside_down", "recorded")
+    )
     damaged.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     make_bag(upside_down, [(i * 10_000_000, 0.3, -1000.0) for i in range(300)])
     knee_contact_ros.solve(right_bag, "osteoarthritis", output=recorded)
@@ -116,9 +141,15 @@ def test_a_damaged_or_implausible_bag_is_told_and_a_recording_whose_parameters_a
         *warned, end = capfd.readouterr().err.splitlines()
         assert end.startswith(last)
         for bag, doubt in doubts.items():
-            told = [line for line in warned if line.startswith(f"knee-contact: warning: bag {bag}: ") and doubt in line]
+            told = [
+                line
+                for line in warned
+                if line.startswith(f"knee-contact: warning: bag {bag}: ") and doubt in line
+            ]
             assert len(told) == (bag == recorded or not again)
-    for bag, doubt in (doubts | {damaged: f"bag {damaged} is damaged, and solved as far as it can be read"}).items():
+    for bag, doubt in (
+        doubts | {damaged: f"bag {damaged} is damaged, and solved as far as it can be read"}
+    ).items():
         with pytest.warns(UserWarning, match=doubt):
             knee_contact_ros.sweep(bag, TWO)
         if bag != recorded:
@@ -133,14 +164,22 @@ def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Pa
     assert computed(asked, out, scheduler=address)[:2] == (2, 0)
     series = pd.read_parquet(out / "_series")
     for _, row in table(out).iterrows():
-        medial = knee_contact_ros.solve(right_bag, "both_compartments", {"contact.damping": row["contact.damping"]})
+        medial = knee_contact_ros.solve(
+            right_bag, "both_compartments", {"contact.damping": row["contact.damping"]}
+        )
         for side, alone in (("medial", medial), ("lateral", medial.lateral)):
             own = series[(series["case"] == row["case"]) & (series["compartment"] == side)]
             assert (own["contact_force"].to_numpy() == alone.contact_force).all()
             assert (own["stamp"].to_numpy() == np.asarray(alone["stamp"])).all()
         assert row["lateral_peak_force"] == medial.lateral.contact_force.max()
-    next(out.glob("cases-*")).unlink()  # a damaged one that is moved away: its series must not stay
-    computed(study(right_bag, series=True, grid=TWO | RADII, params=["both_compartments"]), out, scheduler=address)
+    next(
+        out.glob("cases-*")
+    ).unlink()  # a damaged one that is moved away: its series must not stay
+    computed(
+        study(right_bag, series=True, grid=TWO | RADII, params=["both_compartments"]),
+        out,
+        scheduler=address,
+    )
     again = pd.read_parquet(out / "_series")
     assert len(again) == 2 * len(series)
     assert not again.duplicated(["case", "compartment", "stamp"]).any()
@@ -154,13 +193,19 @@ def test_data_are_read_where_they_lie(right_bag: Path, address: str, tmp_path: P
     with zipfile.ZipFile(tmp_path / "gait.zip", "w") as archive:
         archive.write(file, "gait.mcap")
     for i, (there, plain) in enumerate(
-        ((f"file://{right_bag}", right_bag), (f"zip://gait.mcap::file://{tmp_path}/gait.zip", file))
+        (
+            (f"file://{right_bag}", right_bag),
+            (f"zip://gait.mcap::file://{tmp_path}/gait.zip", file),
+        )
     ):
         out, other = tmp_path / f"out{i}", tmp_path / f"plain{i}"
         assert computed(study(there, grid=TWO), f"file://{out}", scheduler=address)[:2] == (0, 2)
         computed(study(plain, grid=TWO), other, scheduler=address)
         assert_same(table(out).drop(columns="bag"), table(other).drop(columns="bag"))
-    assert computed(study(right_bag, grid=TWO), "memory://cohorts/out", scheduler=address)[:2] == (0, 2)
+    assert computed(study(right_bag, grid=TWO), "memory://cohorts/out", scheduler=address)[:2] == (
+        0,
+        2,
+    )
     assert len(Shards("memory://cohorts/out").read("peak_force")) == 2
 
 
@@ -175,8 +220,15 @@ def test_workers_need_no_file_but_the_bag(
         "knee_contact: {ros__parameters: {femur: {geometry: profile, profile: my_femur_medial.csv}}}"
     )
     monkeypatch.chdir(tmp_path)
-    grid = {"contact.damping": DAMPINGS[:2], "femur.profile": ["my_femur_medial.csv", "femur_medial.csv"]}
-    assert computed(study("gait", params=["mine.yaml"], grid=grid), "out", scheduler=address) == (2, 2, 0)
+    grid = {
+        "contact.damping": DAMPINGS[:2],
+        "femur.profile": ["my_femur_medial.csv", "femur_medial.csv"],
+    }
+    assert computed(study("gait", params=["mine.yaml"], grid=grid), "out", scheduler=address) == (
+        2,
+        2,
+        0,
+    )
     grid = {"tibia.geometry": ["circle", "profile"], "tibia.profile": ["my_tibia_medial.csv"]}
     assert computed(study("gait", grid=grid), "tibia", scheduler=address) == (0, 2, 0)
     assert table(tmp_path / "out")["peak_force"].gt(1000.0).all()
@@ -190,16 +242,37 @@ def divide(_block: Any) -> float:
 @pytest.mark.parametrize(
     ("patched", "output", "error", "said"),
     [
-        (("what_answers", lambda: "another"), "out", UsageError, r"worker tcp://127\.0\.0\.1:\d+ has another version"),
-        (("bag_digest", lambda _path: "another"), "out", UsageError, r"worker tcp://\S+ finds different content"),
-        (("compute_block", divide), "out", IncompleteError, "a worker failed: ZeroDivisionError: "),
+        (
+            ("what_answers", lambda: "another"),
+            "out",
+            UsageError,
+            r"worker tcp://127\.0\.0\.1:\d+ has another version",
+        ),
+        (
+            ("bag_digest", lambda _path: "another"),
+            "out",
+            UsageError,
+            r"worker tcp://\S+ finds different content",
+        ),
+        (
+            ("compute_block", divide),
+            "out",
+            IncompleteError,
+            "a worker failed: ZeroDivisionError: ",
+        ),
         (("LEAST", 8), "nothing://out", UsageError, "output nothing://out: "),
     ],
 )
 def test_what_workers_cannot_do_is_told_in_a_line(
-    patched: tuple[str, Any], output: str, error: type[Exception], said: str, right_bag: Path, address: str,
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    patched: tuple[str, Any],
+    output: str,
+    error: type[Exception],
+    said: str,
+    right_bag: Path,
+    address: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(studies, *patched)
     with pytest.raises(error, match=said):
@@ -219,7 +292,9 @@ def test_an_address_of_an_unknown_kind_ends_at_once_and_leaves_the_settings_of_d
     assert process.communicate(timeout=60) == ("30s\n", "")
 
 
-def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, address: str, tmp_path: Path) -> None:
+def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(
+    right_bag: Path, address: str, tmp_path: Path
+) -> None:
     asked, out = study(right_bag, grid=GRID), tmp_path / "out"
     computed(asked, out, scheduler=address)
     expected, first = table(out), min(out.glob("cases-*"))
@@ -229,9 +304,20 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
     pd.DataFrame({"a": [1]}).to_parquet(foreign)
     for name, content, said in (
         ("holiday.jpg", b"", r"holds holiday\.jpg, which is not a result of a study"),
-        ("cases-mine.parquet", foreign.read_bytes(), r"cases-mine\.parquet is damaged, or is not a result of a study"),
-        *((first.name, whole[:size], f"{first.name} is damaged") for size in (0, 100, len(whole) // 2)),
-        (first.name, whole[:last] + bytes([whole[last] ^ 1]) + whole[last + 1 :], f"{first.name} is damaged"),
+        (
+            "cases-mine.parquet",
+            foreign.read_bytes(),
+            r"cases-mine\.parquet is damaged, or is not a result of a study",
+        ),
+        *(
+            (first.name, whole[:size], f"{first.name} is damaged")
+            for size in (0, 100, len(whole) // 2)
+        ),
+        (
+            first.name,
+            whole[:last] + bytes([whole[last] ^ 1]) + whole[last + 1 :],
+            f"{first.name} is damaged",
+        ),
     ):
         (out / name).write_bytes(content)
         with pytest.raises(UsageError, match=said) as told:
@@ -251,25 +337,54 @@ def keys_of(bag: Path, **content: Any) -> list[str]:
     return [group.key(values) for group in groups_of(asked) for values in asked.variants()]
 
 
-def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag: Path, config: Path, tmp_path: Path) -> None:
+def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(
+    right_bag: Path, config: Path, tmp_path: Path
+) -> None:
     mri, other = (config / "femur_medial.csv").read_text(), tmp_path / "copy"
     shutil.copytree(right_bag, other)
     for name, text in (("a.csv", mri), ("b.csv", mri), ("c.csv", mri.rstrip("\n") + "\n\n")):
         (tmp_path / name).write_text(text)
     curve: dict[str, Any] = {"params": ["mri_femur"]}
-    same: list[list[dict[str, Any]]] = [  # in each list all are the same case, and those of two lists are not
-        [{}, {"values": {"record.path": "a.mcap"}}, {"values": {"rerun.mode": "serve"}}, {"bag": other},
-         {"values": {"lateral.contact.damping": 1.0}}],
+    same: list[
+        list[dict[str, Any]]
+    ] = [  # in each list all are the same case, and those of two lists are not
+        [
+            {},
+            {"values": {"record.path": "a.mcap"}},
+            {"values": {"rerun.mode": "serve"}},
+            {"bag": other},
+            {"values": {"lateral.contact.damping": 1.0}},
+        ],
         [{"values": {"contact.damping": 4000.0}}, {"grid": {"contact.damping": [4000]}}],
-        [curve, *({**curve, where: {"femur.profile": value}} for name in ("a.csv", "b.csv")
-                  for where, value in (("values", str(tmp_path / name)), ("grid", [str(tmp_path / name)])))],
+        [
+            curve,
+            *(
+                {**curve, where: {"femur.profile": value}}
+                for name in ("a.csv", "b.csv")
+                for where, value in (
+                    ("values", str(tmp_path / name)),
+                    ("grid", [str(tmp_path / name)]),
+                )
+            ),
+        ],
         [{**curve, "values": {"femur.profile": str(tmp_path / "c.csv")}}],
         [{"values": {"load.compartment": "both"}}],
-        *([{"values": {name: value}}] for name, value in (
-            ("contact.damping", 4000.000000000001), ("drive", "displacement"), ("load.share", 0.6),
-            ("body_weight", 700.0), ("contact.law", "hertz"), ("pairing.max_gap", 0.02))),
-    ]  # fmt: skip
-    found = [{keys_of(content.pop("bag", right_bag), **content)[0] for content in contents} for contents in same]
+        *(
+            [{"values": {name: value}}]
+            for name, value in (
+                ("contact.damping", 4000.000000000001),
+                ("drive", "displacement"),
+                ("load.share", 0.6),
+                ("body_weight", 700.0),
+                ("contact.law", "hertz"),
+                ("pairing.max_gap", 0.02),
+            )
+        ),
+    ]
+    found = [
+        {keys_of(content.pop("bag", right_bag), **content)[0] for content in contents}
+        for contents in same
+    ]
     assert list(map(len, found)) == [1] * len(same)
     assert len(set.union(*found)) == len(same)
     (file,) = other.glob("*.mcap")
@@ -320,12 +435,21 @@ def test_bad_studies(said: str, address: str, right_bag: Path, file: Path, capfd
     assert said in refused(capfd, file, "--scheduler", address)
 
 
-def test_a_scheduler_that_cannot_be_reached(file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_cannot_be_reached(
+    file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(studies, "PATIENCE", 1.0)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # not listening
-        for address in (f"tcp://127.0.0.1:{taken.getsockname()[1]}", "nonsense", "gopher://a:1", "tcp://127.0.0.1"):
-            assert f"scheduler {address}: cannot be reached" in refused(capfd, file, "--scheduler", address)
+        for address in (
+            f"tcp://127.0.0.1:{taken.getsockname()[1]}",
+            "nonsense",
+            "gopher://a:1",
+            "tcp://127.0.0.1",
+        ):
+            assert f"scheduler {address}: cannot be reached" in refused(
+                capfd, file, "--scheduler", address
+            )
 
 
 def test_the_page_lists_every_outcome_with_its_unit() -> None:

@@ -51,7 +51,8 @@ def test_keys_come_one_by_one_and_without_echo() -> None:
 
 @pytest.mark.usefixtures("hang_up")
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGHUP, 128 + signal.SIGHUP)]
+    ("number", "code"),
+    [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGHUP, 128 + signal.SIGHUP)],
 )
 def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals, code: int) -> None:
     with program() as terminal:
@@ -80,6 +81,11 @@ def test_without_a_terminal_there_are_no_keys() -> None:
         "with Keyboard(print) as keyboard: print(has_terminal(), keyboard.wait(0.01))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program], input=" ", capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", program],
+        input=" ",
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
     )
     assert done.stdout == "False []\n"

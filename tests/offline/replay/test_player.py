@@ -16,7 +16,11 @@ BEGIN = 1_700_000_000_000_000_000
 
 def bag(count: int, period: int = 5 * MILLISECOND) -> list[RawMessage]:
     """Messages of two topics, in pairs."""
-    return [RawMessage(topic, BEGIN + i * period, b"%d" % i) for i in range(count) for topic in ("/a", "/b")]
+    return [
+        RawMessage(topic, BEGIN + i * period, b"%d" % i)
+        for i in range(count)
+        for topic in ("/a", "/b")
+    ]
 
 
 class Keys:
@@ -36,7 +40,10 @@ class Keys:
 def test_no_message_goes_out_before_its_time_and_none_is_lost(rate: float) -> None:
     messages = bag(60)
     before = time.perf_counter()
-    sent = [(message, lateness, time.perf_counter()) for message, lateness in Player(rate=rate).play(messages)]
+    sent = [
+        (message, lateness, time.perf_counter())
+        for message, lateness in Player(rate=rate).play(messages)
+    ]
     assert [message for message, _, _ in sent] == messages
     for message, lateness, when in sent:
         after = (message.log_time - BEGIN) / 1e9 / rate
@@ -60,7 +67,9 @@ def test_keys_pause_step_and_go_on() -> None:
     sent: list[RawMessage] = []
     states = []
     steps = Keys([Command.STEP], [Command.STEP, Command.STEP], [Command.PAUSE])
-    player = Player(steps, paused=True, changed=lambda rate, paused: states.append((rate, paused, len(sent))))
+    player = Player(
+        steps, paused=True, changed=lambda rate, paused: states.append((rate, paused, len(sent)))
+    )
     late = []
     for message, lateness in player.play(bag(4)):
         sent.append(message)
@@ -87,7 +96,13 @@ def test_a_pause_lasts_until_the_next_key_and_what_follows_is_not_late() -> None
 
 def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> None:
     rates = []
-    keys = Keys([Command.FASTER], [Command.FASTER], [Command.SLOWER], [Command.SLOWER], [Command.SLOWER] * 100)
+    keys = Keys(
+        [Command.FASTER],
+        [Command.FASTER],
+        [Command.SLOWER],
+        [Command.SLOWER],
+        [Command.SLOWER] * 100,
+    )
     keys.presses.append([Command.PAUSE])
     player = Player(keys, paused=True, changed=lambda rate, _paused: rates.append(rate))
     for _ in player.play(bag(1)):
@@ -111,7 +126,11 @@ def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
 
 
 def stamped(log_time: int, stamp: int) -> RawMessage:
-    data = b"\x00\x01\x00\x00" + (stamp // 10**9).to_bytes(4, "little") + (stamp % 10**9).to_bytes(4, "little")
+    data = (
+        b"\x00\x01\x00\x00"
+        + (stamp // 10**9).to_bytes(4, "little")
+        + (stamp % 10**9).to_bytes(4, "little")
+    )
     return RawMessage("/a", log_time, data)
 
 
@@ -120,7 +139,9 @@ def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_le
 ) -> None:
     """A recorder that waited for /clock: log times of 0, then those of today; and a clock that is set back later."""
     first = [stamped(0, BEGIN + i * 20 * MILLISECOND) for i in range(6)]
-    today = [stamped(BEGIN + i * 20 * MILLISECOND, BEGIN + (6 + i) * 20 * MILLISECOND) for i in range(6)]
+    today = [
+        stamped(BEGIN + i * 20 * MILLISECOND, BEGIN + (6 + i) * 20 * MILLISECOND) for i in range(6)
+    ]
     back = [stamped(BEGIN - 10**12 + i * 20 * MILLISECOND, BEGIN) for i in range(6)]
     day = [stamped(BEGIN + 86_400 * 10**9, BEGIN)]
     sent = [time.perf_counter() for _ in Player().play([*first, *today, *back, *day])]
@@ -135,7 +156,12 @@ def test_lateness_is_counted_and_told() -> None:
     lateness = Lateness()
     for seconds in (0.0, 0.0005, 0.0021, None, 0.0001, 0.0002, 0.0003):
         lateness.add(seconds)
-    assert (lateness.messages, lateness.late, lateness.largest, lateness.drift) == (7, 1, 0.0021, 0.0003)
+    assert (lateness.messages, lateness.late, lateness.largest, lateness.drift) == (
+        7,
+        1,
+        0.0021,
+        0.0003,
+    )
     assert str(lateness) == (
         "7 messages published, 1 (14.3 %) later than 1 ms, the latest by 2.10 ms; drift at the end 0.30 ms"
     )

@@ -16,7 +16,9 @@ SCENES = {scene.name: scene for scene in scenes()}
 
 def test_the_model_meets_the_reference_on_every_geometry() -> None:
     scene = SCENES["impact"]
-    short = scene._replace(time=scene.time[45:85], angle=scene.angle[45:85], load=scene.load[45:85])
+    short = scene._replace(
+        time=scene.time[45:85], angle=scene.angle[45:85], load=scene.load[45:85]
+    )
     for geometry in geometries():
         model = load_model([*geometry.files, {"fidelity.tolerance": 1e-8}])
         found = answer_of(model.run(short.time, short.angle, short.load))

@@ -29,7 +29,9 @@ def test_the_lowest_point_is_that_of_an_ellipse() -> None:
         support = math.hypot(A * math.sin(angle), B * math.cos(angle))
         # A spline through 400 points of it is off by their distance to the fourth power: 1e-12 m or so.
         assert -y == pytest.approx(support, abs=1e-11)
-        assert -x == pytest.approx((A * A - B * B) * math.sin(angle) * math.cos(angle) / support, abs=1e-8)
+        assert -x == pytest.approx(
+            (A * A - B * B) * math.sin(angle) * math.cos(angle) / support, abs=1e-8
+        )
 
 
 def test_on_a_concave_circle_the_centres_tell_the_depth() -> None:
