@@ -18,10 +18,10 @@ from knee_contact_ros.model.profiles import (
     NOWHERE,
     TRIED,
     Circle,
-    Floats,
     Table,
     cell_polynomials,
 )
+from knee_contact_ros.model.types import Floats
 
 CLOSE_ENOUGH = 1e-12
 """Error [m] of a polynomial of the support beyond which a callable is not smooth"""

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from knee_contact_ros.bags.recover import Recovery
-from knee_contact_ros.model.types import Status
+from knee_contact_ros.model.types import MM, Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary import Moment, Summary
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -26,7 +26,6 @@ DOUBTFUL = " !"
 """Mark of a row with values of a tick that is `IMPLAUSIBLE`"""
 ONE_MOMENT = 100_000_000
 """Time [ns] within which the largest load, force and depth belong to one peak"""
-MM = 1e3
 MICROMETRE = 1e6
 
 

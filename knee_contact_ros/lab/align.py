@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from knee_contact_ros.lab import checks, tables
 from knee_contact_ros.lab.sensors import AngleChannel, read_channels, read_map
-from knee_contact_ros.lab.tables import Floats, Series
+from knee_contact_ros.lab.tables import Series
+from knee_contact_ros.model.types import Floats, Indices
 from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -44,7 +44,6 @@ MOST_GAIN = 5.0
 """Largest gain, and inverse of the smallest: soft tissue gives 0.8, degrees read as radians 57"""
 GAIN_OFF = 0.05
 """Deviation of the gain from 1 above which it is reported"""
-Rows = NDArray[np.intp]
 
 
 class Estimate(NamedTuple):
@@ -129,7 +128,7 @@ class Pair:
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
         """Time between rows of the slower of the two [s]"""
 
-    def rows(self, least: float, most: float) -> Rows:
+    def rows(self, least: float, most: float) -> Indices:
         """Indices of the sensor's rows that have a reference at every lag from `least` to `most` [s].
 
         Raises:
@@ -148,11 +147,11 @@ class Pair:
             )
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
-    def moved(self, rows: Rows, lag: float) -> Floats:
+    def moved(self, rows: Indices, lag: float) -> Floats:
         """Angles of the reference [rad] at rows of the sensor, which is late by `lag` [s]."""
         return np.asarray(self._curve(self.times[rows] - lag))
 
-    def fit(self, rows: Rows, lag: float, offset: float = 0.0) -> tuple[float, float]:
+    def fit(self, rows: Indices, lag: float, offset: float = 0.0) -> tuple[float, float]:
         """Correlation (0 if one is constant), and RMS difference [rad], with lag [s] and offset [rad] removed."""
         sensor, moved = self.values[rows] + offset, self.moved(rows, lag)
         one, other = sensor - sensor.mean(), moved - moved.mean()
@@ -161,7 +160,7 @@ class Pair:
             np.sqrt(np.mean((sensor - moved) ** 2))
         )
 
-    def best(self, rows: Rows, within: tuple[float, float]) -> tuple[float, float, float]:
+    def best(self, rows: Indices, within: tuple[float, float]) -> tuple[float, float, float]:
         """Offset [rad], lag [s] and gain of rows of the sensor, at the lag `within` which both correlate best."""
         found = minimize_scalar(
             lambda lag: -self.fit(rows, lag)[0],

@@ -25,15 +25,13 @@ from knee_contact_ros.lab.tables import (
     FORCE,
     MIDDLE_WEIGHT,
     PERCENT,
-    Floats,
     Series,
-    Stamps,
     Table,
     factor,
 )
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.model.types import EXTENDS, FLEXES
+from knee_contact_ros.model.types import EXTENDS, FLEXES, Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 

@@ -19,7 +19,7 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import ORIGIN
 from knee_contact_ros.bags.reader import contents_of
 from knee_contact_ros.bags.recorder import METADATA, BagWriter
-from knee_contact_ros.lab.tables import Floats, Stamps
+from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams import topics
 from knee_contact_ros.streams.messages import (
     JointState,

@@ -34,7 +34,6 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
 from knee_contact_ros.lab.study import (
     Design,
-    Floats,
     Shards,
     Spaced,
     Study,
@@ -43,6 +42,7 @@ from knee_contact_ros.lab.study import (
     run_study,
 )
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.results import no_such

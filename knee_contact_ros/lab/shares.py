@@ -28,7 +28,6 @@ from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STI
 from knee_contact_ros.lab.checks import IN_SECONDS, LARGEST_MOMENT, rate_doubts
 from knee_contact_ros.lab.gait_bag import bridged
 from knee_contact_ros.lab.tables import (
-    Stamps,
     Table,
     TableFormat,
     TimeColumn,
@@ -37,7 +36,7 @@ from knee_contact_ros.lab.tables import (
     read_columns,
 )
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.model.types import Floats
+from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete

@@ -36,7 +36,6 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -61,7 +60,7 @@ from knee_contact_ros.lab.sweep import (
     recorded_doubt,
 )
 from knee_contact_ros.model.compiler import worth_compiling
-from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.model.types import FLAT, TOLD, Floats
 from knee_contact_ros.offline.solve import with_weight
 from knee_contact_ros.parameters.files import (
     all_values,
@@ -77,7 +76,6 @@ from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageErro
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress, say, warn
 
-Floats = NDArray[np.float64]
 Values = dict[str, Any]
 S = TypeVar("S", bound="Study")
 MOST = 10_000_000

@@ -22,7 +22,7 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
-from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
+from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Floats, Rows, Status
 from knee_contact_ros.offline.notebooks import Name, in_python_words, warn_of
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
@@ -47,9 +47,6 @@ from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-Floats = NDArray[np.float64]
 
 
 OUTCOMES = {

@@ -24,13 +24,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import constants
 
+from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, listed, meant
 from knee_contact_ros.system.files import open_regular, require
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 Column = str | int
 """Name of a column, or its place from 1"""
 

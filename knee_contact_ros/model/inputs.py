@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import EXTENDS, FLEXES, NANOSECOND
+from knee_contact_ros.model.types import EXTENDS, FLEXES, NANOSECOND, Floats, Integers
 
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
 """Number of ticks and time [s] after which a wrong sign, or a missing load, cannot be a swing phase"""
@@ -44,8 +43,6 @@ SLOWEST = 0.5
 """Time step [s] that is too long to show a gait"""
 CARRIES = 100.0
 """Mean force [N] along another axis than the tibia's above which there is a warning"""
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass

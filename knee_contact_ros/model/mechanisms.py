@@ -18,11 +18,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from knee_contact_ros.model.compiler import inlined
+from knee_contact_ros.model.types import Floats
 
-Floats = NDArray[np.float64]
 LARGEST = 0.1
 """Largest translation [m]: a larger one exceeds a tibial plateau, and is most likely in mm."""
 START, STOP, STEP = -0.3, 1.75, 0.025

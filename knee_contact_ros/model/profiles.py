@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.model.compiler import in_kernel, inlined
+from knee_contact_ros.model.types import Floats, Integers
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 CELLS, DEGREE = 2048, 6
 """Number of cells of the full turn, and degree of their polynomials of h"""
 CLOSE = 1e-16

@@ -22,12 +22,11 @@ from knee_contact_ros.model.profiles import (
     NOWHERE,
     SHRUNK,
     Circle,
-    Floats,
-    Integers,
     Profile,
     Table,
     support_at,
 )
+from knee_contact_ros.model.types import Floats, Integers
 
 __all__ = ["Circle", "Closest", "ContactPair", "Cup", "Plane", "Plateau", "Profile"]
 ON_PLANE, IN_CUP, ON_CURVE = 0, 1, 2

@@ -19,8 +19,19 @@ from numpy.typing import NDArray
 Rows = NDArray[Any]
 """Answers: an array of `ROW`, shape (n,)"""
 Floats = NDArray[np.float64]
+"""Real numbers"""
+Integers = NDArray[np.int64]
+"""Whole numbers"""
+Stamps = NDArray[np.int64]
+"""Stamps [ns]"""
+Indices = NDArray[np.intp]
+"""Places in another array"""
 Bytes = NDArray[np.uint8]
+"""Memory, byte by byte"""
 Counts = NDArray[np.uint32]
+"""Numbers of evaluations"""
+MM = 1e3
+"""Number of millimetres in a metre"""
 
 EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
 """Range of flexion angles of any knee [rad]"""

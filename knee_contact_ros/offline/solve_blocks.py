@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.columns import Messages
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.model.types import Rows
+from knee_contact_ros.model.types import Floats, Rows, Stamps
 from knee_contact_ros.streams.columns import (
     Block,
     Column,
@@ -26,7 +26,7 @@ from knee_contact_ros.streams.columns import (
     pair,
 )
 from knee_contact_ros.streams.contact_stream import DOUBTFUL_LOAD, ContactStream, summed_wrenches
-from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH, Stamps
+from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH
 from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Synchroniser, Timeline
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
@@ -35,7 +35,6 @@ from knee_contact_ros.streams.topics import (
     NANOSECONDS,
 )
 
-Floats = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 Fresh = NDArray[np.bool_]
 """Whether an angle of a block is still to be recorded, for each angle, shape (n,)"""

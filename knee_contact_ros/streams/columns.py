@@ -15,17 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, Nodetype
 
-from knee_contact_ros.model.types import FIELDS, FLAT, MESSAGE, ROW, TOLD, WRENCH, Rows, untold
+from knee_contact_ros.model.types import (
+    FIELDS,
+    FLAT,
+    MESSAGE,
+    ROW,
+    TOLD,
+    WRENCH,
+    Bytes,
+    Floats,
+    Indices,
+    Rows,
+    Stamps,
+    untold,
+)
 from knee_contact_ros.streams.messages import (
     BYTE_ORDERS,
     HEADER,
     MOST_TRAILING,
     STAMP_END,
-    Bytes,
     Coder,
     Order,
     Shape,
-    Stamps,
     header,
     shape_of,
     written_layout,
@@ -33,8 +44,6 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.pairing import FAR, STALE_INPUT, STEPS
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, types_in
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Places = NDArray[np.int64]
 """Offsets [B] in a piece of memory, shape (n,)"""
 MOST_ELSE = 4

@@ -24,7 +24,17 @@ from knee_contact_ros.model.knee import (
     KneeModel,
     degrees_hint,
 )
-from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows, Status, reader
+from knee_contact_ros.model.types import (
+    FLAT,
+    ROW,
+    WRENCH,
+    Bytes,
+    Floats,
+    Rows,
+    Stamps,
+    Status,
+    reader,
+)
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import Source, curve_texts, lateral_texts, load_parameters
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
@@ -32,10 +42,8 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.streams.frames import ForceFrame, Transform, encode_transform
 from knee_contact_ros.streams.messages import (
     HEADER,
-    Bytes,
     JointState,
     RefusedSampleError,
-    Stamps,
     WrenchStamped,
     checked_stamp,
     encode_answer,
@@ -68,7 +76,6 @@ from knee_contact_ros.streams.watch import Doubts, Split, doubts_about, paramete
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, share_folder
 
-Floats = NDArray[np.float64]
 DOUBTFUL_LOAD = int(
     Status.DOUBTFUL_LOAD
 )  # a plain number: combining flags of an enumeration takes long

@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
+from knee_contact_ros.model.types import Floats, Stamps
+
 SECOND = 1_000_000_000
 """Number of nanoseconds in a second"""
 PERIOD = 5_000_000

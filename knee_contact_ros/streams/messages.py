@@ -16,7 +16,6 @@ from operator import itemgetter
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
@@ -26,8 +25,6 @@ from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOI
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import listed, printable
 
-Bytes = NDArray[np.uint8]
-Stamps = NDArray[np.int64]
 Order = Literal["<", ">"]
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation of little-endian CDR without options; alignment counts from its end"""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Rows
+from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
 from knee_contact_ros.streams.gait_events import (
     HEEL_STRIKE,
     LOAD_PEAK,
@@ -19,8 +19,6 @@ from knee_contact_ros.streams.gait_events import (
     runs,
 )
 
-Floats = NDArray[np.float64]
-Stamps = NDArray[np.int64]
 SHORTEST, LONGEST = 0.4, 2.5
 """Range of plausible durations of a stride [s]"""
 CERTAIN = round(2.2 * SECOND)

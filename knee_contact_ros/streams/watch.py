@@ -23,6 +23,8 @@ from knee_contact_ros.model.types import (
     FARTHEST_POINT,
     FLAT,
     FLEXES,
+    MM,
+    Floats,
     Rows,
     Status,
 )
@@ -40,9 +42,7 @@ GAIT = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
 """Flexion angles of gait [rad]"""
 PLATEAU = 0.045
 """Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is about 25 mm"""
-MM = 1e3
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
-Floats = NDArray[np.float64]
 
 
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:

@@ -15,15 +15,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, compartment_name
 
-Floats = NDArray[np.float64]
 DRAWN_THICKNESS = 2.2e-3
 """Thickness [m] of each cartilage where the law gives none: half the default of `contact.foundation_thickness`"""
 SURFACE_POINTS = 121

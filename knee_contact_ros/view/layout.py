@@ -15,13 +15,12 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.model.types import FIELDS, FLAT, Rows
+from knee_contact_ros.model.types import FIELDS, FLAT, MM, Floats, Rows
 from knee_contact_ros.streams.topics import LATERAL
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import (
     NEWTONS_PER_MM,
     SURFACE_POINTS,
-    Floats,
     KneeOutlines,
     lowest_at,
     placed,
@@ -37,7 +36,8 @@ CAMERA, BODY = "sagittal", "body"
 LEG = "leg"
 """Path of the leg in space; the robot's name in its URDF"""
 PATH = "contact_path"
-MM, MICRO, MEGA = 1e3, 1e6, 1e-6
+MICRO = 1e6
+MEGA = 1e-6
 SCALE_BAR = 10.0
 """Length of the scale bar [mm]"""
 SEEN = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])

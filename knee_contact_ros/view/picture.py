@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
+from knee_contact_ros.model.types import MM, Floats
+from knee_contact_ros.view.anatomy import Picture, picture_of
 
-MM = 1e3
 BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
 """Colours of the overlap of cartilages, of an overlap beyond the first layer, of the force, and of texts"""

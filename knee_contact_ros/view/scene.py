@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
 from knee_contact_ros.model.readouts import SPREAD, Readings
-from knee_contact_ros.model.types import ContactState, Rows, Status, blank
+from knee_contact_ros.model.types import MM, ContactState, Floats, Rows, Status, blank
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.streams.strides import Stride, Strides
@@ -30,14 +30,13 @@ from knee_contact_ros.view import colours, layout
 from knee_contact_ros.view.anatomy import (
     NEWTONS_PER_MM,
     POINTS,
-    Floats,
     KneeOutlines,
     overlaps,
     placed,
     turns,
 )
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
-from knee_contact_ros.view.layout import MAGNIFICATION, MM, SCALE_BAR
+from knee_contact_ros.view.layout import MAGNIFICATION, SCALE_BAR
 
 ON_SCREEN = np.array([MM, -MM])
 """Factors from m in the tibia frame to mm on the screen"""

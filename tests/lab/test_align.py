@@ -12,7 +12,8 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.align import Alignment, aligned
-from knee_contact_ros.lab.tables import Floats, Series
+from knee_contact_ros.lab.tables import Series
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError

@@ -36,7 +36,8 @@ from knee_contact_ros.lab.opensim.run import (
     run_python,
     text_in,
 )
-from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage
+from knee_contact_ros.lab.tables import Table, read_storage
+from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.files import require

@@ -18,7 +18,8 @@ from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
 from knee_contact_ros.lab.opensim.run import read_xml
-from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage
+from knee_contact_ros.lab.tables import Table, read_storage
+from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.system.errors import UsageError, listed
 
 RIGHT, LEFT = "right", "left"

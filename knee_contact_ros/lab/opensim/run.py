@@ -24,7 +24,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from knee_contact_ros.lab.opensim import child
-from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, repaired
+from knee_contact_ros.lab.tables import Table, read_storage, repaired
+from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require

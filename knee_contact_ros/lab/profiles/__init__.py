@@ -24,7 +24,7 @@ from knee_contact_ros.lab.profiles.fit import (
     fit,
 )
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
-from knee_contact_ros.model.types import Floats
+from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
@@ -34,7 +34,6 @@ from knee_contact_ros.view.picture import GRAPHS, drawn
 
 LABEL = 11
 """Width of a line's label on the terminal, with the space after it"""
-MM = 1e3
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
 """Colours of circles"""

@@ -26,11 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.lab.checks import outside, refuse
-from knee_contact_ros.model.types import Floats
+from knee_contact_ros.model.types import Floats, Integers
 from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.files import open_regular
 
-Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 SIZE = (0.008, 0.7)
 """Generous range of the longest edge of the box around a cartilage or bone of the knee [m]"""

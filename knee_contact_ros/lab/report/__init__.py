@@ -14,9 +14,9 @@ import pandas as pd
 
 from knee_contact_ros import __version__
 from knee_contact_ros.lab.report import figures, runs
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, MM, NONE, PERCENT, SECOND, Run
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, NONE, PERCENT, SECOND, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
-from knee_contact_ros.model.types import ContactState, Status
+from knee_contact_ros.model.types import MM, ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, in_a_line

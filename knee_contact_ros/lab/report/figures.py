@@ -14,18 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import (
-    CURVES,
-    FIRST,
-    MM,
-    PERCENT,
-    SECOND,
-    Floats,
-    Quantity,
-    Run,
-)
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, PERCENT, SECOND, Quantity, Run
 from knee_contact_ros.lab.uncertainty import LEVEL
 from knee_contact_ros.model.readouts import OWN_PRESSURE
+from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral

@@ -34,7 +34,7 @@ from knee_contact_ros.bags.reader import (
 from knee_contact_ros.lab.uncertainty import Propagated, propagated
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD
-from knee_contact_ros.model.types import FLAT, ContactState, Status
+from knee_contact_ros.model.types import FLAT, MM, ContactState, Floats, Status
 from knee_contact_ros.offline.solve import (
     parameters_for,
     parameters_in,
@@ -63,10 +63,9 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import parameter_file, refuse_twice
 from knee_contact_ros.system.terminal import Bar
 
-Floats = NDArray[np.float64]
 Source = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""
-MM, MEGA = 1e3, 1e-6
+MEGA = 1e-6
 PERCENT = np.arange(101.0)
 """Places of the curves in the gait cycle [%], shape (101,)"""
 
