@@ -116,6 +116,32 @@ def entered_in_a_tick() -> tuple[int, int]:
     return most
 
 
+def public_names(source: str) -> set[str]:
+    """Return the public names that a module defines at its top level; imported ones are not among them."""
+    names: set[str] = set()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found = [each for target in targets for each in ast.walk(target)]
+            names.update(
+                each.id
+                for each in found
+                if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+            )
+    return {name for name in names if not name.startswith("_")}
+
+
+def names_with_several_definitions() -> dict[str, list[str]]:
+    """Return the public names that several modules of the package define, with these modules."""
+    modules: dict[str, list[str]] = {}
+    for path in sorted((ROOT / PACKAGE).rglob("*.py")):
+        for name in public_names(path.read_text(encoding="utf-8")):
+            modules.setdefault(name, []).append(str(path.relative_to(ROOT / PACKAGE)))
+    return {name: found for name, found in sorted(modules.items()) if len(found) > 1}
+
+
 def figures() -> dict[str, int]:
     """Figures of the package by their names."""
     modules, lines, code = lines_in(ROOT / PACKAGE)
@@ -157,6 +183,7 @@ def figures() -> dict[str, int]:
         "modules with one importer": sum(
             len(importers[module]) == 1 for module in inner if module not in packages
         ),
+        "public names with several definitions": len(names_with_several_definitions()),
         "modules of the model": model_modules,
         "lines of code of the model": model_code,
         "longest chain of imports in the model": longest_chain(ROOT / PACKAGE / "model"),
@@ -168,4 +195,6 @@ def figures() -> dict[str, int]:
 
 
 if __name__ == "__main__":
+    for name, modules in names_with_several_definitions().items():
+        print(f"{name}: {', '.join(modules)}")
     print(tabulate(figures().items(), headers=("", "value"), tablefmt="github"))
