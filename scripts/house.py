@@ -1,4 +1,8 @@
-"""How large the package is and how it hangs together, by `python -m scripts.house`."""
+"""How large the package is, how it hangs together, and how dense its lines are, by `python -m scripts.house`.
+
+Characters of code are the figure to hold: tokens without comments, docstrings and white space, so that plain layout,
+comments and examples cost nothing. Lines, constants and the rest say how it reads.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import CodeType, FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import grimp
 from tabulate import tabulate
@@ -30,19 +34,135 @@ NO_CODE = {
 
 def code_lines(source: str) -> int:
     """Lines of a module that hold more than a comment or a docstring, an attribute's included."""
+    code: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type not in NO_CODE:
+            code.update(range(token.start[0], token.end[0] + 1))
+    return len(code - documentation(ast.parse(source)))
+
+
+def documentation(tree: ast.Module) -> set[int]:
+    """Lines of docstrings, those of attributes included."""
     words: set[int] = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree):
         if (
             isinstance(node, ast.Expr)
             and isinstance(node.value, ast.Constant)
             and isinstance(node.value.value, str)
         ):
             words.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    code: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type not in NO_CODE:
-            code.update(range(token.start[0], token.end[0] + 1))
-    return len(code - words)
+    return words
+
+
+class Density(NamedTuple):
+    """How densely the modules of a folder are written."""
+
+    characters: int
+    """Characters of code"""
+    code: int
+    """Lines of code"""
+    documentation: int
+    """Lines of docstrings"""
+    comments: int
+    """Lines with a comment"""
+    unformatted: int
+    """Places where the formatter is switched off"""
+    line: float
+    """Characters of a line of code, with its indentation, in the mean"""
+    functions: list[int]
+    """Lines of each function, its docstring left out"""
+    many_arguments: int
+    """Functions with more than 7 parameters"""
+    constants: int
+    """Names in capitals that modules define"""
+    packed: int
+    """Assignments of three or more values to as many names"""
+    modules: list[tuple[int, str]]
+    """Lines and path of each module, the longest first"""
+
+
+def density(folder: Path) -> Density:
+    """Measure the modules of a folder."""
+    characters = code = documented = comments = unformatted = width = 0
+    many = constants = packed = 0
+    functions: list[int] = []
+    modules: list[tuple[int, str]] = []
+    for path in folder.rglob("*.py"):
+        source = path.read_text(encoding="utf-8")
+        tree, lines = ast.parse(source), source.splitlines()
+        words, used = documentation(tree), set[int]()
+        for token in tokenize.generate_tokens(io.StringIO(source).readline):
+            if token.type == tokenize.COMMENT:
+                comments += 1
+                unformatted += "fmt: " in token.string
+            if token.type not in NO_CODE and token.start[0] not in words:
+                used.update(range(token.start[0], token.end[0] + 1))
+                characters += len(token.string)
+        code += len(used)
+        documented += len(words)
+        width += sum(len(lines[number - 1]) for number in used)
+        modules.append((len(lines), str(path.relative_to(ROOT))))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                own = set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+                functions.append(len(own & used))
+                arguments = node.args
+                many += len(arguments.posonlyargs + arguments.args + arguments.kwonlyargs) > 7
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
+                packed += any(
+                    isinstance(target, ast.Tuple) and len(target.elts) >= 3
+                    for target in node.targets
+                )
+        constants += sum(name.isupper() for name in defined_names(tree))
+    return Density(
+        characters,
+        code,
+        documented,
+        comments,
+        unformatted,
+        width / code,
+        sorted(functions),
+        many,
+        constants,
+        packed,
+        sorted(modules, reverse=True),
+    )
+
+
+def defined_names(tree: ast.Module) -> list[str]:
+    """Names that a module defines at its top level, imports left out."""
+    names: list[str] = []
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.append(node.name)
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        targets = [node.target] if isinstance(node, ast.AnnAssign) else targets
+        for target in targets:
+            parts = target.elts if isinstance(target, ast.Tuple) else [target]
+            names += [part.id for part in parts if isinstance(part, ast.Name)]
+    return names
+
+
+def density_figures(package: Density, tests: Density) -> dict[str, float]:
+    """Figures of the density of the package, and the characters of its tests."""
+    thousand = 1e-3 * package.code
+    functions = package.functions
+    return {
+        "characters of code": package.characters,
+        "characters of the tests' code": tests.characters,
+        "characters of a line of code": round(package.line, 1),
+        "lines of docstrings a line of code": round(package.documentation / package.code, 2),
+        "comments a 1000 lines of code": round(package.comments / thousand),
+        "places without the formatter": package.unformatted,
+        "lines of a function, median": functions[len(functions) // 2],
+        "lines of a function, 90 of 100 have at most": functions[len(functions) * 9 // 10],
+        "functions of more than 60 lines": sum(lines > 60 for lines in functions),
+        "functions with more than 7 parameters": package.many_arguments,
+        "constants": package.constants,
+        "assignments of three or more values": package.packed,
+        "modules of more than 400 lines": sum(lines > 400 for lines, _ in package.modules),
+        "modules of more than 600 lines": sum(lines > 600 for lines, _ in package.modules),
+    }
 
 
 def lines_in(folder: Path) -> tuple[int, int, int]:
@@ -142,7 +262,7 @@ def names_with_several_definitions() -> dict[str, list[str]]:
     return {name: found for name, found in sorted(modules.items()) if len(found) > 1}
 
 
-def figures() -> dict[str, int]:
+def figures() -> dict[str, float]:
     """Figures of the package by their names."""
     modules, lines, code = lines_in(ROOT / PACKAGE)
     tests, _, test_code = lines_in(ROOT / "tests")
@@ -197,4 +317,6 @@ def figures() -> dict[str, int]:
 if __name__ == "__main__":
     for name, modules in names_with_several_definitions().items():
         print(f"{name}: {', '.join(modules)}")
-    print(tabulate(figures().items(), headers=("", "value"), tablefmt="github"))
+    measured = density(ROOT / PACKAGE), density(ROOT / "tests")
+    every = figures() | density_figures(*measured)
+    print(tabulate(every.items(), headers=("", "value"), tablefmt="github"))
