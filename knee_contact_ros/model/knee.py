@@ -17,7 +17,7 @@ from knee_contact_ros.model.inputs import Inputs
 from knee_contact_ros.model.laws import ContactLaw, check, hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
-from knee_contact_ros.model.solver import Knee
+from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
 from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
@@ -116,9 +116,9 @@ class KneeModel:
         return layers[1].begin if len(layers) > 1 else math.inf
 
     @cached_property
-    def knee(self) -> Knee:
+    def knee(self) -> KneeConstants:
         """The model in the form that the kernel takes: numbers, arrays and named tuples."""
-        return Knee(
+        return KneeConstants(
             surfaces=self.pair.surfaces,
             law=self.law.rows,
             mass=float(self.mass),

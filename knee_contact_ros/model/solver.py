@@ -128,7 +128,7 @@ G61, G63, G64, G65 = 82889 / 524892, 15625 / 83664, 69875 / 102672, -2260 / 8211
 IMPLICIT_ORDER = (D3, D2, D4, D5, 1.0)
 
 
-class Knee(NamedTuple):
+class KneeConstants(NamedTuple):
     """A knee and the accuracy of its solution: the constants of a run in the kernel's form."""
 
     surfaces: Surfaces
@@ -171,7 +171,7 @@ class Interval(NamedTuple):
     """Contact force [N] that is taken as zero"""
 
 
-class Femur(NamedTuple):
+class FemurState(NamedTuple):
     """State of a run: what one tick hands to the next."""
 
     height: float
@@ -235,7 +235,7 @@ class Step(NamedTuple):
 class Result(NamedTuple):
     """The contact at the end of a tick."""
 
-    femur: Femur
+    femur: FemurState
     stage: Stage
     force: float
     """Exerted normal force [N]"""
@@ -250,7 +250,7 @@ class Result(NamedTuple):
 
 @inlined
 def stage_at(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float
+    knee: KneeConstants, tick: Interval, layer: int, impact: float, s: float, y: float, v: float
 ) -> Stage:
     """Return the contact in a layer at s [s] for a height [m] and a velocity [m/s]; `impact` [m/s] is that of touch."""
     depth, surface_rate, cosine = touch(
@@ -263,7 +263,7 @@ def stage_at(
 
 @inlined
 def stage_in(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -290,7 +290,9 @@ def stage_in(
 
 
 @in_kernel
-def inside_by(knee: Knee, layer: int, pressing: bool, boundary: int, stage: Stage) -> float:
+def inside_by(
+    knee: KneeConstants, layer: int, pressing: bool, boundary: int, stage: Stage
+) -> float:
     """Return the distance of a contact from a boundary of its mode, >= 0 inside: [m], or [N] for `FORCE`."""
     if boundary == ABOVE:
         return stage.depth - float(knee.law[layer, BEGIN])
@@ -301,7 +303,7 @@ def inside_by(knee: Knee, layer: int, pressing: bool, boundary: int, stage: Stag
 
 @in_kernel
 def crossed(
-    knee: Knee, tick: Interval, layer: int, pressing: bool, stage: Stage, known: int
+    knee: KneeConstants, tick: Interval, layer: int, pressing: bool, stage: Stage, known: int
 ) -> int:
     """Return the first boundary of a mode that a contact has crossed, except the `known` one; `NOWHERE` if inside."""
     if known != ABOVE and stage.depth < knee.law[layer, BEGIN] - DEPTH_ROUNDING:
@@ -316,7 +318,7 @@ def crossed(
 
 @in_kernel
 def scan(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     known: int,
@@ -348,7 +350,7 @@ def scan(
 
 @inlined
 def explicit_step(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -415,7 +417,7 @@ def explicit_step(
 
 @in_kernel
 def solve_stage(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -474,7 +476,7 @@ def solve_stage(
 
 @in_kernel
 def implicit_step(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -538,7 +540,7 @@ def implicit_step(
 
 @in_kernel
 def doubled_step(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -602,7 +604,14 @@ def doubled_step(
 
 @inlined
 def flown(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float
+    knee: KneeConstants,
+    tick: Interval,
+    layer: int,
+    impact: float,
+    s: float,
+    y: float,
+    v: float,
+    h: float,
 ) -> Step:
     """Return a flight of `h` [s] from s [s] on, which is exact."""
     load = tick.load + tick.load_rate * s
@@ -615,7 +624,7 @@ def flown(
 
 @in_kernel
 def attempt(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     pressing: bool,
@@ -643,7 +652,7 @@ def attempt(
 
 @inlined
 def error_ratio(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     s: float,
@@ -745,7 +754,7 @@ def unresolved(
 
 @in_kernel
 def end_on_boundary(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     pressing: bool,
@@ -823,7 +832,7 @@ def end_on_boundary(
 
 @in_kernel
 def fly(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -921,7 +930,7 @@ def lateness(tick: Interval, error: Error, s: float, rate: float, mass: float) -
 
 @in_kernel
 def impact_doubt(
-    knee: Knee, layer: int, stage: Stage, impact: float, impact_error: float
+    knee: KneeConstants, layer: int, stage: Stage, impact: float, impact_error: float
 ) -> float:
     """Return the change of a force [N] if its contact began faster or slower by an error [m/s]."""
     faster, _, _ = force_at(knee.law, layer, stage.depth, stage.rate, impact + impact_error)
@@ -932,7 +941,7 @@ def impact_doubt(
 
 
 @in_kernel
-def stretch_from(knee: Knee, tick: Interval, begin: float) -> tuple[float, float]:
+def stretch_from(knee: KneeConstants, tick: Interval, begin: float) -> tuple[float, float]:
     """Return the end [s] of the smooth stretch that begins at `begin` [s], and the beginning [s] of the next one.
 
     Between the two, the rate of the femoral surface jumps. At a kink of the femoral profile one stretch ends shortly
@@ -952,7 +961,7 @@ def stretch_from(knee: Knee, tick: Interval, begin: float) -> tuple[float, float
 
 @inlined
 def pressed_step(
-    knee: Knee,
+    knee: KneeConstants,
     tick: Interval,
     layer: int,
     impact: float,
@@ -1022,7 +1031,7 @@ def pressed_step(
 
 
 @inlined
-def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
+def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -> Result:
     """Carry the femur over the interval with at most `most` evaluations of the contact law."""
     mass, duration = knee.mass, tick.duration
     y, v, error, try_step = start.height, start.velocity, start.error, start.try_step
@@ -1241,7 +1250,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             + doubt
         )
         force = stage.force if knee.allow_tension else max(stage.force, 0.0)
-    femur = Femur(y, v, error, try_step, impact, impact_error)
+    femur = FemurState(y, v, error, try_step, impact, impact_error)
     return Result(
         femur, stage, force, estimate, force_estimate, used, s >= duration and abs(y) < math.inf
     )

@@ -545,16 +545,16 @@ def _rise(pieces: Floats, x: Floats, derivative: int = 0) -> Floats:
     )
 
 
-Femur = Circle | Profile
-Tibia = Plane | Cup | Plateau
+FemoralSurface = Circle | Profile
+TibialSurface = Plane | Cup | Plateau
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPair:
     """A femoral surface over a tibial one, and the mechanism that prescribes where the femur lies along x."""
 
-    femur: Femur
-    tibia: Tibia
+    femur: FemoralSurface
+    tibia: TibialSurface
     mechanism: Mechanism
 
     def __str__(self) -> str:

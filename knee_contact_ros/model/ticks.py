@@ -35,9 +35,9 @@ from knee_contact_ros.model.mechanisms import translation
 from knee_contact_ros.model.solver import (
     FORCE_ROUNDING,
     NEWTON_SHARE,
-    Femur,
+    FemurState,
     Interval,
-    Knee,
+    KneeConstants,
     Result,
     Stage,
     advance,
@@ -87,8 +87,8 @@ LEVELS = {"quasi_static": QUASI_STATIC, "dynamic": DYNAMIC, "auto": DYNAMIC}
     STATE_SIZE,
 ) = range(23)
 """Places in the state of a run, all 0 before the first tick: whether it has begun; angle and load of the last tick;
-what `Femur` has; slopes of the last contact along the height; what `remember` needs; and for how long [s] of contact
-the answers are still those of a femur that has come from farther away than any"""
+what `FemurState` has; slopes of the last contact along the height; what `remember` needs; and for how long [s] of
+contact the answers are still those of a femur that has come from farther away than any"""
 DURATION_IN, ANGLE_IN, LOAD_IN, HEIGHT_IN = range(4)
 """Columns of the samples: time since the last tick [s], flexion angle [rad], load [N], prescribed height [m] or NaN"""
 LARGEST_FORCE_ERROR = 1e12
@@ -163,7 +163,12 @@ C_EVALUATIONS = byte("evaluations") // 4
 
 @in_kernel
 def run(
-    knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes, counts: Counts
+    knee: KneeConstants,
+    state: Floats,
+    samples: Floats,
+    words: Floats,
+    codes: Bytes,
+    counts: Counts,
 ) -> None:
     """Compute ticks in order into rows of answers, which are passed as their words, bytes and half words.
 
@@ -195,7 +200,7 @@ def run(
                 float(state[E_HV]),
                 float(state[E_VV]),
             )
-            start = Femur(
+            start = FemurState(
                 float(state[HEIGHT]),
                 float(state[VELOCITY]),
                 error,
@@ -207,7 +212,7 @@ def run(
                 start.velocity
             ):  # after a static start the femur follows its turning surface
                 _, rate, cosine = touch(knee.surfaces, last_angle, angle_rate, start.height)
-                start = Femur(
+                start = FemurState(
                     start.height,
                     rate / cosine,
                     start.error,
@@ -256,7 +261,9 @@ def run(
 
 
 @in_kernel
-def at_rest(knee: Knee, angle: float, load: float, height: float, most: int, spent: int) -> Result:
+def at_rest(
+    knee: KneeConstants, angle: float, load: float, height: float, most: int, spent: int
+) -> Result:
     """Return the contact at rest, under the load [N] or at the prescribed height [m], by about `most` evaluations.
 
     It answers the first tick of a run, or one that has been given up after it has `spent` some evaluations.
@@ -269,24 +276,24 @@ def at_rest(knee: Knee, angle: float, load: float, height: float, most: int, spe
     )
     square = cosine * cosine
     stage = Stage(depth, 0.0, force, square * stiffness, square * damping, 0.0, cosine, 0.0)
-    femur = Femur(height, math.nan, EXACT, math.inf, 0.0, 0.0)
+    femur = FemurState(height, math.nan, EXACT, math.inf, 0.0, 0.0)
     return Result(femur, stage, force, 0.0, 0.0, spent + used, spent == 0)
 
 
 @in_kernel
 def at_height(
-    knee: Knee, height: float, velocity: float, depth: float, rate: float, impact: float
+    knee: KneeConstants, height: float, velocity: float, depth: float, rate: float, impact: float
 ) -> Result:
     """Return the contact at a prescribed height [m] and velocity [m/s], given depth [m] and rate [m/s] there."""
     force, _, _ = law_force(knee.law, depth, rate, 0.0 if math.isnan(impact) else impact)
     force = force if knee.allow_tension else max(force, 0.0)
     stage = Stage(depth, rate, force, 0.0, 0.0, 0.0, 1.0, 0.0)
-    femur = Femur(height, velocity, EXACT, math.inf, impact, 0.0)
+    femur = FemurState(height, velocity, EXACT, math.inf, impact, 0.0)
     return Result(femur, stage, force, 0.0, 0.0, 1 if depth > 0.0 else 0, True)
 
 
 @in_kernel
-def follow(knee: Knee, tick: Interval, start: Femur, end_height: float) -> Result:
+def follow(knee: KneeConstants, tick: Interval, start: FemurState, end_height: float) -> Result:
     """Return the contact at the end of an interval in which the height changes linearly to the prescribed one [m].
 
     It is exact: pose and velocity are prescribed. A law that depends on the impact speed is given that of the touch
@@ -315,7 +322,7 @@ def follow(knee: Knee, tick: Interval, start: Femur, end_height: float) -> Resul
 
 @in_kernel
 def quasi_static(
-    knee: Knee, tick: Interval, start: Femur, stiffness: float, damping: float
+    knee: KneeConstants, tick: Interval, start: FemurState, stiffness: float, damping: float
 ) -> Result:
     """Return the static contact at the end of an interval, with the error of the motion that it leaves out.
 
@@ -416,7 +423,7 @@ def quasi_static(
     stage = Stage(
         end_depth, end_cosine * end_sinking, force, k, c, end_surface_rate, end_cosine, 0.0
     )
-    femur = Femur(height, velocity, error, math.inf, start.impact_speed, start.impact_error)
+    femur = FemurState(height, velocity, error, math.inf, start.impact_speed, start.impact_error)
     force_estimate = force_reach(error, k, c, c * end_sinking, held) / end_cosine
     return Result(femur, stage, force, reach(error, held), force_estimate, used, pressed)
 
@@ -482,7 +489,12 @@ def left_behind(
 
 @in_kernel
 def remember(
-    knee: Knee, tick: Interval, state: Floats, start: Femur, result: Result, solved: bool
+    knee: KneeConstants,
+    tick: Interval,
+    state: Floats,
+    start: FemurState,
+    result: Result,
+    solved: bool,
 ) -> Result:
     """Return the answer to a tick while the exact solution is lost, and find out whether it has been forgotten.
 
@@ -552,7 +564,7 @@ def remember(
                     femur.error, left, left * holding(stage.stiffness, stage.damping, mass)
                 )
                 return Result(
-                    Femur(
+                    FemurState(
                         femur.height,
                         femur.velocity,
                         error,
@@ -582,7 +594,7 @@ def remember(
 
 @inlined
 def write_answer(
-    knee: Knee,
+    knee: KneeConstants,
     angle: float,
     angle_rate: float,
     load: float,

@@ -20,7 +20,7 @@ from knee_contact_ros.model.knee import KneeModel, Stream
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import hinge, table
 from knee_contact_ros.model.profiles import Circle, Profile
-from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau, Tibia
+from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau, TibialSurface
 from knee_contact_ros.model.ticks import QUASI_STATIC
 from knee_contact_ros.model.types import Rows, Status
 from studies.choosing.surfaces import read_points
@@ -61,7 +61,7 @@ def pair(name: str, moves: bool) -> ContactPair:
     points = read_points(CONFIG / "femur_medial.csv")
     if femur == "dents":
         points = points + np.random.default_rng(5).normal(0.0, 1e-4, points.shape)
-    tibiae: dict[str, Tibia] = {"plane": Plane(), "slope": Plane(-0.1), "cup": Cup(0.095)}
+    tibiae: dict[str, TibialSurface] = {"plane": Plane(), "slope": Plane(-0.1), "cup": Cup(0.095)}
     if tibia == "plateau":
         tibiae[tibia] = Plateau(*read_points(CONFIG / "tibia_medial.csv"))
     mechanism = table([0.0, 1.0], [0.0, 0.012]) if moves else hinge()
