@@ -37,7 +37,7 @@ from knee_contact_ros.model.types import FLAT, TOLD, Status, byte
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import has_both
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     JointState,
     WrenchStamped,
@@ -74,7 +74,7 @@ MS = 1_000_000
 def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
     """Record a run whose sensors have a latency, with changes and late samples."""
     parameters = load_parameters({name: dice.choice(values) for name, values in FIXED.items()})
-    pipeline, latency = ContactStream(parameters, compiled=compiled), dice.choice([0, 3, 30, 55])
+    pipeline, latency = ContactPipeline(parameters, compiled=compiled), dice.choice([0, 3, 30, 55])
     events = [(5 * i + dice.choice([0, 0, 0, 7]), i, "angle") for i in range(80)]
     events += [(5 * i + latency, i, "force") for i in range(80)]
     events += [(dice.randint(0, 400), 0, "change") for _ in range(dice.randint(1, 6))]
@@ -145,7 +145,7 @@ def clock(dice: random.Random) -> str:
     Which sample of an interval came first is no part of the streams, so they lie apart by up to an interval less.
     """
     gap, rate = dice.uniform(0.02, 0.5), dice.choice([50, 100, 200, 500])
-    pipeline = ContactStream(load_parameters({"pairing.max_gap": gap}), compiled=False)
+    pipeline = ContactPipeline(load_parameters({"pairing.max_gap": gap}), compiled=False)
     away = (
         dice.choice([-1.0, 1.0])
         * gap

@@ -41,7 +41,7 @@ from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters, Parameters, has_both
 from knee_contact_ros.results import begin_of, stamp_text
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state, stamp_in
 from knee_contact_ros.streams.topics import (
     INPUTS,
@@ -193,7 +193,7 @@ def run_demo(
     load = load_parameters([*load_files, assisted], LoadParameters) if load_files else None
     values = {"body_weight": load.person.constants.weight} if load else {}
     parameters = load_parameters([*files, values])
-    stream = ContactStream(parameters, compiled=False)
+    stream = ContactPipeline(parameters, compiled=False)
     with BagInputs(bag, load or parameters, OWN_NAMES) as opened_bag:
         check_joints(opened_bag, parameters.joints() | (load.joints() if load else {}))
     inputs = LOAD_INPUTS if load else INPUTS

@@ -281,7 +281,7 @@ def warm(given: Given) -> None:
     """
     from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
     from knee_contact_ros.model.ticks import run
-    from knee_contact_ros.streams.contact_stream import load_model
+    from knee_contact_ros.streams.contact_pipeline import load_model
     from knee_contact_ros.system.terminal import say
 
     if any(given):

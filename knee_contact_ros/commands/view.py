@@ -22,7 +22,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.contact_stream import answering
+from knee_contact_ros.streams.contact_pipeline import answering
 from knee_contact_ros.streams.topics import (
     KNEE,
     LATERAL,

@@ -39,7 +39,7 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
 from knee_contact_ros.results import Records, no_such
-from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline, half_spacing, move_along_z
 from knee_contact_ros.streams.gait_events import GAP
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
@@ -231,7 +231,7 @@ def read_recording(
     inputs: list[tuple[Any, Any, Any]] = []
     blocks: list[Sequence[Rows]] = []
 
-    def listen(stream: ContactStream) -> None:
+    def listen(stream: ContactPipeline) -> None:
         class Noting(LoadRule):
             def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
                 inputs.append((axial, moment, flexion))

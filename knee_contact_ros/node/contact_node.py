@@ -34,7 +34,7 @@ from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import check_stamp, encode_joint_state
 from knee_contact_ros.streams.output import Knee
@@ -91,7 +91,7 @@ name of the next recording. They take effect between two ticks."""
 class ContactSession(Session):
     """Configured life of a contact node."""
 
-    pipeline: ContactStream
+    pipeline: ContactPipeline
     health: ContactHealth
     parameters: Parameters
 
@@ -114,7 +114,7 @@ class ContactSession(Session):
             UsageError: a profile cannot be used or an output file cannot be written.
         """
         self._curves = curve_texts(parameters, {})
-        pipeline = ContactStream(parameters, compiled=False, curves=self._curves)
+        pipeline = ContactPipeline(parameters, compiled=False, curves=self._curves)
         super().__init__(node, parameters, pipeline)
         self.health = ContactHealth(self)
         self.inputs = self._input_streams(qos_given, handed)

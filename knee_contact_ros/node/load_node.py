@@ -24,7 +24,7 @@ from knee_contact_ros.node.inputs import HandedInputs, HandOver
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, Knee
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
@@ -56,7 +56,7 @@ LIVE = frozenset(
 class LoadSession(Session):
     """Configured life of a load node."""
 
-    pipeline: LoadStream
+    pipeline: LoadPipeline
     parameters: LoadParameters
 
     def __init__(
@@ -77,7 +77,7 @@ class LoadSession(Session):
         Raises:
             UsageError: an output file cannot be written.
         """
-        pipeline = LoadStream(parameters)
+        pipeline = LoadPipeline(parameters)
         super().__init__(node, parameters, pipeline)
         self.health = Health(self, Level, "level")
         self.inputs = self._input_streams(qos_given)

@@ -40,7 +40,7 @@ from knee_contact_ros.parameters.sources import WRENCH_STAMPED, source_of
 from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Knee, Note
-from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
+from knee_contact_ros.streams.pairing import PairedSample, Pipeline
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names, refuse_impossible, stamped
@@ -60,7 +60,7 @@ class Session(ABC):
     health: Health
     """What it reports"""
 
-    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: PairedStreams) -> None:
+    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Pipeline) -> None:
         """Make a session without inputs and outputs; `parameters` are those of the kind of node."""
         self.node, self.parameters, self.pipeline = node, parameters, pipeline
         self.counts: Counter[tuple[int, int]] = Counter()

@@ -24,7 +24,7 @@ from knee_contact_ros.offline.solve import (
     recording_of,
 )
 from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
-from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
 
@@ -103,7 +103,7 @@ def estimate_load(
     advance: Callable[[int, int], None] = lambda _done, _total: None,
     overwrite: bool = False,
     names: Names = OWN_NAMES,
-    keep: Callable[[LoadStream], object] | None = None,
+    keep: Callable[[LoadPipeline], object] | None = None,
 ) -> LoadSummary:
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
@@ -123,7 +123,7 @@ def estimate_load(
     """
     with BagInputs(bag, parameters, names) as inputs:
         check_joints(inputs, parameters.joints())
-        pipeline, damage = LoadStream(parameters), inputs.reader.damage
+        pipeline, damage = LoadPipeline(parameters), inputs.reader.damage
         if parameters.frame.ground:
             learn_transforms(bag, pipeline.frame)
         with recording_of(
@@ -147,9 +147,9 @@ def estimate_load(
 
 
 def _rows(
-    pipeline: LoadStream,
+    pipeline: LoadPipeline,
     answers: Iterable[Answer],
-    keep: Callable[[LoadStream], object] | None,
+    keep: Callable[[LoadPipeline], object] | None,
     flexions: list[float],
 ) -> Iterator[tuple[Any, ...]]:
     """Stamp and estimate of each answer, as `ESTIMATE`; its flexion angle [rad] is added to `flexions`."""
@@ -161,7 +161,7 @@ def _rows(
 
 
 def _answers(
-    inputs: BagInputs, pipeline: LoadStream, advance: Callable[[int, int], None]
+    inputs: BagInputs, pipeline: LoadPipeline, advance: Callable[[int, int], None]
 ) -> Iterator[Answer]:
     """Answers to all messages of a bag, one by one; `advance` is called after each block."""
     take, done = (pipeline.joint_state, pipeline.force), 0

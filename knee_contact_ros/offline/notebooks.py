@@ -25,7 +25,7 @@ from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import Source, dotted
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Records, Results
-from knee_contact_ros.streams.contact_stream import compartments_of
+from knee_contact_ros.streams.contact_pipeline import compartments_of
 from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import expanded

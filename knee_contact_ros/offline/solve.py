@@ -50,10 +50,10 @@ from knee_contact_ros.parameters.schema import (
     constants_of,
     has_both,
 )
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
-from knee_contact_ros.streams.pairing import PairedStreams
+from knee_contact_ros.streams.pairing import Pipeline
 from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, in_a_line
@@ -80,7 +80,7 @@ def solve(
     *,
     compiled: bool | None = None,
     keep: Callable[[Sequence[Rows]], object] = len,
-    prepare: Callable[[ContactStream], object] = id,
+    prepare: Callable[[ContactPipeline], object] = id,
     curves: Mapping[str, str] | None = None,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
@@ -109,7 +109,7 @@ def solve(
         inputs = opened.enter_context(BagInputs(bag, parameters, names))
         reader = inputs.reader
         check_joints(inputs, parameters.joints())
-        pipeline = ContactStream(parameters, compiled=False, curves=curves)
+        pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
         if recording:
             pipeline.frame.is_known, pipeline.is_lost = True, recording.ticks_before > 0
         elif parameters.frame.tibia:
@@ -185,7 +185,7 @@ def recording_of(
 
 
 def recorded(
-    recorder: AnswerWriter | None, pipeline: PairedStreams, answers: Iterable[Answer]
+    recorder: AnswerWriter | None, pipeline: Pipeline, answers: Iterable[Answer]
 ) -> Iterator[Answer]:
     """Record answers as they come, and a note when forces are turned; without a recorder pass answers on."""
     for answer in answers:
@@ -197,7 +197,7 @@ def recorded(
 
 
 def finish(
-    recorder: AnswerWriter | None, pipeline: PairedStreams, bag: Path, damage: Sequence[str]
+    recorder: AnswerWriter | None, pipeline: Pipeline, bag: Path, damage: Sequence[str]
 ) -> None:
     """Write what ends a recording: the remaining inputs, refused samples and the damage of the bag it comes from."""
     if recorder:
@@ -209,7 +209,7 @@ def finish(
 
 
 def nothing_computed(
-    bag: Path, what: str, pipeline: PairedStreams, damage: Sequence[str]
+    bag: Path, what: str, pipeline: Pipeline, damage: Sequence[str]
 ) -> UsageError:
     """Error that a bag gave no `what`, with the reasons why samples were refused."""
     reasons = ", ".join(
@@ -241,7 +241,7 @@ def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
 class Run:
     """Pipeline that takes blocks of messages; its answers are recorded and passed on."""
 
-    pipeline: ContactStream
+    pipeline: ContactPipeline
     recorder: AnswerWriter | None
     """Writer of the recording; None: nothing is recorded"""
     takers: Sequence[Callable[[Sequence[Rows]], object]]

@@ -25,7 +25,11 @@ from knee_contact_ros.streams.columns import (
     encode_answers,
     pair,
 )
-from knee_contact_ros.streams.contact_stream import DOUBTFUL_LOAD, ContactStream, summed_wrenches
+from knee_contact_ros.streams.contact_pipeline import (
+    DOUBTFUL_LOAD,
+    ContactPipeline,
+    summed_wrenches,
+)
 from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH
 from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Synchroniser, Timeline
 from knee_contact_ros.streams.topics import (
@@ -85,7 +89,7 @@ class _Samples(NamedTuple):
 
 
 def take(
-    pipeline: ContactStream, states: Column, forces: Column, numbers: Numbers
+    pipeline: ContactPipeline, states: Column, forces: Column, numbers: Numbers
 ) -> Answers | None:
     """Compute the ticks of a block at once, from the messages of both topics in the order in which they came.
 
@@ -169,7 +173,7 @@ def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
     return np.concatenate([np.array(time.steps, np.int64), new])
 
 
-def _samples(states: Column, forces: Column, pipeline: ContactStream) -> _Samples | None:
+def _samples(states: Column, forces: Column, pipeline: ContactPipeline) -> _Samples | None:
     """Decode a block into columns of samples; None if a sample would be refused, or must be treated alone."""
     decoded, wrenches = decode_all(JOINT_STATE, states), decode_all(WRENCH, forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
@@ -219,7 +223,7 @@ def _position(states: Block, joint: str) -> Floats | None:
 
 
 def _computed(
-    pipeline: ContactStream, samples: _Samples, paired: PairedSamples, fresh: Fresh
+    pipeline: ContactPipeline, samples: _Samples, paired: PairedSamples, fresh: Fresh
 ) -> Answers:
     """Compute the loads that are paired with angles; return the answers, and the inputs and outputs to record."""
     number = len(paired.angle)
@@ -274,7 +278,7 @@ def _computed(
 
 
 def _hand_over(
-    pipeline: ContactStream,
+    pipeline: ContactPipeline,
     samples: _Samples,
     paired: PairedSamples,
     fresh: Fresh,

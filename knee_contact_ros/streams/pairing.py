@@ -648,7 +648,7 @@ class Publishers:
         self._samples, self._found = 0, np.empty(0)
 
 
-class PairedStreams(ABC):
+class Pipeline(ABC):
     """Base of all computations on two streams: samples are refused or paired, and pairs are answered."""
 
     def __init__(

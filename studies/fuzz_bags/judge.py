@@ -23,7 +23,7 @@ from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import MAKERS, UNPROTECTED, Message, copy, make, messages, mutate
@@ -147,7 +147,7 @@ def expected() -> list[tuple[str, bytes]]:
 
 def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
     """Answers of the pipeline to messages."""
-    pipeline, answers = ContactStream(parameters(), compiled=False), []
+    pipeline, answers = ContactPipeline(parameters(), compiled=False), []
     for topic, _, data in inputs:
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
         answers += list(feed(data))

@@ -20,7 +20,7 @@ from knee_contact_ros.node.outputs import size_of
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
@@ -46,7 +46,7 @@ def test_a_recording_holds_what_solve_writes(
     started: Started, right_bag: Path, config: Path, tmp_path: Path
 ) -> None:
     parameters = load_parameters(config / "healthy.yaml")
-    pipeline = ContactStream(parameters, compiled=False)
+    pipeline = ContactPipeline(parameters, compiled=False)
     sink = started.recorder(
         tmp_path / "live.mcap", wait=False
     )  # it takes answers before it is open

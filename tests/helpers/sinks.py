@@ -18,7 +18,7 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Settings
 from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     JointState,
     WrenchStamped,
@@ -43,7 +43,7 @@ from knee_contact_ros.view.output import NICENESS, open_output
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
-MODEL = ContactStream(load_parameters({}), compiled=False).model
+MODEL = ContactPipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
 

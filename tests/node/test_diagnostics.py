@@ -12,7 +12,7 @@ from knee_contact_ros.node.diagnostics import ERROR, OK, STALE, WARN, Health
 from knee_contact_ros.node.inputs import InputMeter
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.pairing import AngleSample, LoadSample
 
 MS = 1_000_000
@@ -39,7 +39,7 @@ class Time:
     def of(self, parameters: dict[str, Any]) -> Health:
         """Health of a node with these parameters."""
         read, log = load_parameters(parameters), SimpleNamespace(warning=self.logged.append)
-        self.paired = ContactStream(read, compiled=False)
+        self.paired = ContactPipeline(read, compiled=False)
         node: Any = SimpleNamespace(
             get_fully_qualified_name=lambda: "/knee", get_logger=lambda: log
         )

@@ -18,7 +18,7 @@ import pytest
 from knee_contact_ros.node.output_process import SLICE
 from knee_contact_ros.node.outputs import BATCH, SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     JointState,
     WrenchStamped,
@@ -150,7 +150,7 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
 def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
     """As answers come from the pipeline, within a third; what is counted is what `record.queue_size` limits."""
     pipeline, names = (
-        ContactStream(load_parameters({}), compiled=True),
+        ContactPipeline(load_parameters({}), compiled=True),
         tuple(f"joint_{i}" for i in range(joints - 1)),
     )
     numbers = tuple(float(number) for number in range(joints))

@@ -12,7 +12,7 @@ import pytest
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
 from knee_contact_ros.node.outputs import Outputs, Ring, sink_of, size_of
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import OPEN, STARTING, Knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.errors import UsageError
@@ -24,7 +24,7 @@ def described(**parameters: Any) -> Knee:
     read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
     return Knee(
         read,
-        {KNEE_CONTACT: ContactStream(read, compiled=False).model},
+        {KNEE_CONTACT: ContactPipeline(read, compiled=False).model},
         ABSOLUTE_NAMES,
         {"version": "1"},
     )

@@ -13,7 +13,7 @@ import pytest
 
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.messages import raw_inputs
 
@@ -44,7 +44,7 @@ def test_a_gait_takes_no_more_evaluations(name: str) -> None:
 
 
 def test_a_live_sample_takes_no_more_calls() -> None:
-    stream = ContactStream(load_parameters("healthy"), compiled=True)
+    stream = ContactPipeline(load_parameters("healthy"), compiled=True)
     calls: list[int] = []
 
     def on_event(_frame: object, event: str, _argument: object) -> None:

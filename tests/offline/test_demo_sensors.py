@@ -6,7 +6,7 @@ import pytest
 
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.load_stream import joints_of, leg_sample
+from knee_contact_ros.streams.load_pipeline import joints_of, leg_sample
 from knee_contact_ros.streams.messages import JointState, decode_joint_state, encode_joint_state
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")

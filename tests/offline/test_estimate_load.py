@@ -20,8 +20,8 @@ from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
+from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
@@ -71,7 +71,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
     assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
     pipeline, expected, told = (
-        LoadStream(load_parameters(WHOLE_LEG, LoadParameters)),
+        LoadPipeline(load_parameters(WHOLE_LEG, LoadParameters)),
         [],
         list[Estimate](),
     )
@@ -180,7 +180,7 @@ def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None
         assert solve(loads, load_parameters({}), contact, overwrite=True).ticks == 700
         rows = read_answers(contact, "/knee_contact")
         assert ((rows["status"] & Status.DOUBTFUL_LOAD) != 0).tolist() == flagged
-        stream, one_by_one = ContactStream(load_parameters({}), compiled=False), []
+        stream, one_by_one = ContactPipeline(load_parameters({}), compiled=False), []
         for message in raw(loads, {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]}):
             take = stream.joint_state if message.topic == ANGLES else stream.force
             one_by_one += [
@@ -197,7 +197,7 @@ def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None
 
 def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:
     """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
-    pipeline, folder = LoadStream(load_parameters({}, LoadParameters)), tmp_path / "parts"
+    pipeline, folder = LoadPipeline(load_parameters({}, LoadParameters)), tmp_path / "parts"
     record = provenance_record(load_parameters({}, LoadParameters))
     with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
         writer = AnswerWriter(

@@ -19,7 +19,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -66,7 +66,7 @@ def mcap(path: Path, messages: Sequence[RawMessage]) -> Path:
 def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes]:
     """The answers to messages in the order of their arrival; with a `path`, the recording of them is there."""
     parameters = load_parameters({})
-    pipeline, answers = ContactStream(parameters, compiled=False), []
+    pipeline, answers = ContactPipeline(parameters, compiled=False), []
     for message in messages:
         answers += (
             pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force

@@ -17,7 +17,7 @@ from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTab
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import curve_texts, load_parameters, read_share_table
-from knee_contact_ros.streams.contact_stream import load_sample
+from knee_contact_ros.streams.contact_pipeline import load_sample
 from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
 from knee_contact_ros.system.errors import UsageError
 

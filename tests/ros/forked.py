@@ -30,8 +30,8 @@ PROCESSES.set_forkserver_preload(
                 "bags.recorder",
                 "commands.live",
                 "model.compiler",
-                "streams.load_stream",
-                "streams.contact_stream",
+                "streams.load_pipeline",
+                "streams.contact_pipeline",
                 "view.anatomy",
             )
         ),

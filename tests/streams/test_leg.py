@@ -11,7 +11,7 @@ import pytest
 from knee_contact_ros.bags.reader import read_answers, read_bag
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import MOVED, description
+from knee_contact_ros.streams.contact_pipeline import MOVED, description
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF, stamp_to_ns
 
 

@@ -12,8 +12,8 @@ from knee_contact_ros.joint_reaction.leg import Joints
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import GroundForce, Knee, LoadParameters
-from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
-from knee_contact_ros.streams.load_stream import (
+from knee_contact_ros.streams.contact_pipeline import angle_sample, load_sample
+from knee_contact_ros.streams.load_pipeline import (
     LARGEST_TORQUE,
     ground_of,
     ground_sample,

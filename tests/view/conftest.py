@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 
 if TYPE_CHECKING:
     from knee_contact_ros.model.types import Rows
@@ -33,7 +33,7 @@ def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, Rows]:
     from knee_contact_ros.view.anatomy import drawing_of
     from tests.view.scenes import WEIGHT, answered
 
-    stream = ContactStream(
+    stream = ContactPipeline(
         load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]),
         compiled=False,
     )

@@ -14,7 +14,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
@@ -30,12 +30,12 @@ SHIPPED = [
 """Parameter files of all shipped knees"""
 
 
-def answers_of(stream: ContactStream, bag: Path, most: int = 10_000) -> Iterator[Any]:
+def answers_of(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Iterator[Any]:
     for topic, _, message in raw_inputs(bag)[:most]:
         yield from (stream.joint_state if topic == "/joint_states" else stream.force)(message)
 
 
-def answered(stream: ContactStream, bag: Path, most: int = 10_000) -> Rows:
+def answered(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Rows:
     return rows_of([*answers_of(stream, bag, most)])
 
 

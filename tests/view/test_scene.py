@@ -15,7 +15,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view import layout
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of, drawings_of, placed
@@ -56,7 +56,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
         "tibia.geometry": "circle",
         "load.share": 1.0,
     }
-    stream = ContactStream(load_parameters(names), compiled=False)
+    stream = ContactPipeline(load_parameters(names), compiled=False)
     rows, model = answered(stream, right_bag, 240), stream.model
     path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
 
@@ -232,7 +232,7 @@ def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
 def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
     config: Path, right_bag: Path, tmp_path: Path, files: list[str]
 ) -> None:
-    stream = ContactStream(load_parameters([config / file for file in files]), compiled=False)
+    stream = ContactPipeline(load_parameters([config / file for file in files]), compiled=False)
     drawing = drawing_of(stream.model, "knee", WEIGHT)
     rows = answered(stream, right_bag, 150).copy()
     rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)

@@ -33,7 +33,7 @@ from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import drawing_of
@@ -52,7 +52,7 @@ ANSWERS = MESSAGE_TYPES["knee_contact"]
 def test_a_recording_looks_as_it_did_live(
     osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path
 ) -> None:
-    stream = ContactStream(
+    stream = ContactPipeline(
         load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]),
         compiled=False,
     )
@@ -171,7 +171,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
 ) -> None:
     """With the line where bone begins."""
     parameters = load_parameters([config / "osteoarthritis.yaml"])
-    stream = ContactStream(parameters, compiled=False)
+    stream = ContactPipeline(parameters, compiled=False)
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
         for answer in answers_of(stream, right_bag):

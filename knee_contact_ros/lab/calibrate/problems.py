@@ -38,8 +38,8 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results
-from knee_contact_ros.streams.contact_stream import load_sample
-from knee_contact_ros.streams.load_stream import Sensed
+from knee_contact_ros.streams.contact_pipeline import load_sample
+from knee_contact_ros.streams.load_pipeline import Sensed
 from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,

@@ -46,7 +46,7 @@ from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
 from knee_contact_ros.parameters.schema import Parameters, constants_of
-from knee_contact_ros.streams.contact_stream import answering
+from knee_contact_ros.streams.contact_pipeline import answering
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvents
 from knee_contact_ros.streams.strides import Span, at_stamps, cut, spans, stride_of
 from knee_contact_ros.streams.topics import (

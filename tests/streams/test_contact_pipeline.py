@@ -21,7 +21,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
-from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -53,7 +53,7 @@ def messages(moment: float = 0.0) -> Iterator[tuple[bytes, bytes]]:
         )
 
 
-def one_by_one(pipeline: ContactStream, moment: float = 0.0) -> tuple[list[Answer], list[Rows]]:
+def one_by_one(pipeline: ContactPipeline, moment: float = 0.0) -> tuple[list[Answer], list[Rows]]:
     """All answers, and the rows of each compartment."""
     answers = []
     for state, force in messages(moment):
@@ -64,13 +64,13 @@ def one_by_one(pipeline: ContactStream, moment: float = 0.0) -> tuple[list[Answe
     return answers, [rows[first::number] for first in range(number)]
 
 
-def pipeline_of(values: dict[str, Any]) -> ContactStream:
+def pipeline_of(values: dict[str, Any]) -> ContactPipeline:
     return quick_pipeline([BOTH, values])
 
 
-def quick_pipeline(sources: Any) -> ContactStream:
+def quick_pipeline(sources: Any) -> ContactPipeline:
     """Compiled, as the knees are many."""
-    return ContactStream(load_parameters(sources), compiled=True)
+    return ContactPipeline(load_parameters(sources), compiled=True)
 
 
 def without_place(rows: Rows) -> list[tuple[Any, ...]]:

@@ -55,7 +55,7 @@ from knee_contact_ros.streams.pairing import (
     AngleSample,
     LoadSample,
     PairedSample,
-    PairedStreams,
+    Pipeline,
 )
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
@@ -161,7 +161,7 @@ def load_sample(
     return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived, None, doubtful)
 
 
-class ContactStream(PairedStreams):
+class ContactPipeline(Pipeline):
     """Pipeline of the contact node: samples, pairing and model."""
 
     def __init__(

@@ -17,7 +17,7 @@ from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.load_stream import LoadStream, encode_estimate
+from knee_contact_ros.streams.load_pipeline import LoadPipeline, encode_estimate
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -38,11 +38,11 @@ from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk
 POSE = {"hip": 0.3, "knee": 0.5, "ankle": 0.1}
 
 
-def pipeline(values: Any = None) -> LoadStream:
-    return LoadStream(load_parameters(WHOLE_LEG if values is None else values, LoadParameters))
+def pipeline(values: Any = None) -> LoadPipeline:
+    return LoadPipeline(load_parameters(WHOLE_LEG if values is None else values, LoadParameters))
 
 
-def take(pipe: LoadStream, messages: Iterable[RawMessage]) -> list[tuple[Answer, Estimate]]:
+def take(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[tuple[Answer, Estimate]]:
     """What they make possible."""
     found = []
     for message in messages:
@@ -56,7 +56,7 @@ def by_stamp(found: Iterable[tuple[Answer, Estimate]]) -> dict[int, Estimate]:
     return {answer.records[-1][1]: estimate for answer, estimate in found}
 
 
-def estimates(pipe: LoadStream, messages: Iterable[RawMessage]) -> list[Estimate]:
+def estimates(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[Estimate]:
     found = [estimate for _, estimate in take(pipe, messages)]
     for _ in pipe.finish():
         assert pipe.estimate

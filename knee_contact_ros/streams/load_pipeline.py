@@ -48,7 +48,7 @@ from knee_contact_ros.streams.pairing import (
     AngleSample,
     LoadSample,
     PairedSample,
-    PairedStreams,
+    Pipeline,
 )
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
@@ -173,7 +173,7 @@ class Sensed(NamedTuple):
     """Bits of `Status`"""
 
 
-class LoadStream(PairedStreams):
+class LoadPipeline(Pipeline):
     """Pipeline of the load node: samples, pairing and estimator."""
 
     sensed: Sensed
