@@ -16,6 +16,7 @@ from hypothesis import settings
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 from tests.helpers.browser import started_browser
+from tests.helpers.needs import skipped_in_a_line
 from tests.helpers.sinks import Started
 
 os.environ.pop(
@@ -66,6 +67,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     place |= {item: number / len(long) for number, item in enumerate(long)}
     place |= dict.fromkeys(of(NEXT), 1.0)
     items.sort(key=lambda item: place.get(item, 2.0))
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Say in one line what was skipped, and how each of it is enabled."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    if skipped:
+        terminalreporter.write_line(skipped_in_a_line(each.longrepr for each in skipped))
 
 
 @pytest.fixture(scope="session")

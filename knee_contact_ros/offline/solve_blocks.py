@@ -197,7 +197,8 @@ def _samples(states: Column, forces: Column, pipeline: ContactPipeline) -> _Samp
     ]
     if pipeline.by_moment:
         part = pipeline.by_moment(axial, moment, 0.0)
-        columns += [(part, LARGEST_LOAD), (axial - part, LARGEST_LOAD)]
+        with np.errstate(invalid="ignore"):  # infinite forces are refused below
+            columns += [(part, LARGEST_LOAD), (axial - part, LARGEST_LOAD)]
     columns += [(heights, LARGEST_HEIGHT)] if heights is not None else []
     if not all(
         (np.isfinite(column) & (np.abs(column) <= limit)).all() for column, limit in columns

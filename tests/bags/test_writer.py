@@ -115,7 +115,7 @@ def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
     package, _, message = name.split("/")
     built = Path(sys.prefix) / "share" / package / "msg" / f"{message}.json"
     if not built.exists():
-        pytest.skip(f"{package} is not installed in this environment")
+        pytest.skip(f"needs the ROS package {package}")
     hashes = {
         entry["type_name"]: entry["hash_string"]
         for entry in json.loads(built.read_text())["type_hashes"]

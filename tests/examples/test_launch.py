@@ -116,7 +116,7 @@ def test_parameters_options_and_files_are_there(name: str) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_launch_file_loads(name: str) -> None:
-    pytest.importorskip("launch_ros", reason="the launch packages are not installed")
+    pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
     description = runpy.run_path(str(FOLDER / name))["generate_launch_description"]()
     names = {argument.name for argument in description.get_launch_arguments()}
     for side in ("left", "right"):

@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
 import pytest
 
 from tests import ROOT
+
+INSTALL = ".venv/bin/uv pip install --editable"
+ENABLED_BY = {
+    r"needs the extra (\w+).*": rf"{INSTALL} '.[\1]'",
+    r".*dependency group (\w+).*": r".venv/bin/uv pip install --group \1",
+    r".*ROS package.*": 'CONTRIBUTING.md, "ROS tools from source"',
+    r".*Debian: (apt install .*?)\)?$": r"\1",
+}
+"""What enables a test, by a pattern of the reason why it is skipped"""
+
+
+def skipped_in_a_line(reports: Iterable[object]) -> str:
+    """Return how many tests were skipped (`longrepr` of each), and the command that enables each kind of them."""
+    commands = Counter[str]()
+    for report in reports:
+        reason = report[2] if isinstance(report, tuple) else str(report)
+        reason = reason.removeprefix("Skipped: ")
+        for pattern, command in ENABLED_BY.items():
+            reason = re.sub(f"^{pattern}$", command, reason)
+        commands[reason] += 1
+    kinds = "; ".join(f"{count}: {command}" for command, count in commands.most_common())
+    return f"{commands.total()} tests are skipped; what enables them: {kinds}"
 
 
 def has_at_least(package: str, *least: int) -> bool:

@@ -163,6 +163,7 @@ def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -
     assert (row.gap > 0.0) == (apart > 0.0)
 
 
+@pytest.mark.filterwarnings("ignore:Warning. converting a masked element")
 @pytest.mark.parametrize(
     ("time", "angle", "load", "words"),
     [
@@ -269,6 +270,7 @@ def test_a_budget_of_0_is_a_large_one_and_the_first_answer_is_the_static_one() -
     assert (first.fidelity, first.status) == (Fidelity.DYNAMIC, Status.OK)
 
 
+@pytest.mark.filterwarnings("ignore:the load reaches")
 def test_what_is_deeper_than_plausible_is_said() -> None:
     knee = model(law("elastic_foundation"))
     assert knee.plausible_depth == 4.4e-3
@@ -293,6 +295,7 @@ def test_models_and_answers_are_copied_and_models_name_their_parts() -> None:
     assert first == other == pickle.loads(pickle.dumps(first)) == copy.copy(first)  # noqa: S301
 
 
+@pytest.mark.filterwarnings("ignore:the load reaches", "ignore:the flexion angle goes")
 @pytest.mark.parametrize("name", ["hertz", "kelvin_voigt"])
 @pytest.mark.parametrize(
     ("stiffness", "exponent"), [(1.0, 1.0), (1.0, 3.0), (1e15, 1.0), (1e15, 3.0)]

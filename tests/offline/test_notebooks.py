@@ -102,9 +102,11 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
         UserWarning, match=r"bag .*cut\.mcap is damaged, and solved as far as it can be read"
     ):
         assert 0 < len(knee_contact_ros.solve(cut, "healthy")) < 387
-    with pytest.warns(UserWarning, match="^387 of 387 ticks") as doubts:
+    with (
+        pytest.warns(UserWarning, match=r"^contact.stiffness 2500"),
+        pytest.warns(UserWarning, match="^387 of 387 ticks"),
+    ):
         knee_contact_ros.solve(right_bag, {"contact.stiffness": 2500.0})
-    assert [str(doubt.message).split()[0] for doubt in doubts] == ["contact.stiffness", "387"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         knee_contact_ros.solve(right_bag)

@@ -48,7 +48,7 @@ def refused(peer: Peer, reason: str) -> int:
 def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:
-    messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
+    messages = pytest.importorskip("tf2_msgs.msg", reason="needs the ROS package tf2_msgs")
     told: list[Transform] = []
     peer.node.create_subscription(
         messages.TFMessage,
@@ -107,9 +107,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
 
 
 def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    messages = pytest.importorskip(
-        "control_msgs.msg", reason="the package control_msgs is not installed"
-    )
+    messages = pytest.importorskip("control_msgs.msg", reason="needs the ROS package control_msgs")
     try:
         messages.DynamicJointState.__class__.__import_type_support__()
     except Exception as error:  # rosidl's own, where a package that it needs is missing
@@ -141,7 +139,7 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
 
 
 def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> None:
-    messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
+    messages = pytest.importorskip("tf2_msgs.msg", reason="needs the ROS package tf2_msgs")
     mounted = Transform("tibia", "sensor", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5))
     bag, topics = tmp_path / "bag.mcap", INPUT_TYPES | {TF_STATIC: TF_MESSAGE}
     with BagWriter(bag) as writer:

@@ -27,7 +27,7 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
 from tests.ros.conftest import PATIENCE, STEP, Peer, Start
 
-pytest.importorskip("launch_ros", reason="the launch packages are not installed (CONTRIBUTING.md)")
+pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
 FOLDER = share_folder() / "launch"
 RUN = """
 import sys
@@ -338,7 +338,7 @@ PROGRAMS = {
 @pytest.fixture
 def said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the stand-ins say how they were called."""
-    pytest.importorskip("launch_ros", reason="the launch packages are not installed")
+    pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
     index = pytest.importorskip("ament_index_python")
     if not (Path(index.get_package_prefix(PACKAGE)) / "lib" / PACKAGE / "knee_contact").exists():
         pytest.skip("ros2 run finds no executable in this environment")

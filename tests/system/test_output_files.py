@@ -151,7 +151,7 @@ def test_a_full_disk_is_no_bad_input_and_the_output_is_named(
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may do all")
+@pytest.mark.skipif(os.geteuid() == 0, reason="a user other than root")
 def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
     for mode in (0o500, 0o600):
         tmp_path.chmod(mode)
