@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from knee_contact_ros.system.processes import PATIENCE, kept
+from knee_contact_ros.system.processes import EXIT_PATIENCE, running
 from knee_contact_ros.system.ros import private_graph
 
 ROOT = Path(__file__).parents[1]
@@ -37,11 +37,11 @@ def files_on_the_way(work: Path) -> set[tuple[str, str]]:
     bag = str(ROOT / "bags" / "gait2354_right")
     with private_graph() as graph, (work / "log").open("wb") as log:
         environment = os.environ | graph
-        with kept(node_command, log, PATIENCE, env=environment | traced) as node:
+        with running(node_command, log, EXIT_PATIENCE, env=environment | traced) as node:
             subprocess.run([*COMMAND, "replay", bag, "--wait", "120"], check=True, env=environment)
             time.sleep(1.0)  # the last forces are answered
             node.send_signal(signal.SIGINT)
-            node.wait(PATIENCE)
+            node.wait(EXIT_PATIENCE)
     lines = [
         line.split()
         for path in noted.iterdir()

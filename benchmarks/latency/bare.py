@@ -27,7 +27,7 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
 )
-from knee_contact_ros.system.ros import executor_of
+from knee_contact_ros.system.ros import make_executor
 
 # As in managed_node.py, session.py and inputs.py, which are not imported: a bare node's process holds nothing else.
 INPUT_QOS = QoSProfile(depth=1000)
@@ -153,7 +153,7 @@ def main(kind: str) -> None:
         executor: Executor = SingleThreadedExecutor()
         executor.add_node(node)
     else:
-        executor = executor_of(node)
+        executor = make_executor(node)
     try:
         while not signals:
             executor.spin_once(timeout_sec=SPIN_PERIOD)

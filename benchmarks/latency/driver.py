@@ -42,8 +42,8 @@ from knee_contact_ros.streams.topics import (
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import share_folder
-from knee_contact_ros.system.processes import PATIENCE, Child, child_process
-from knee_contact_ros.system.ros import Quickest, executor_of
+from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
+from knee_contact_ros.system.ros import FastestExecutor, make_executor
 from knee_contact_ros.view.output import installed_viewer
 
 _START = struct.Struct("<4siI")
@@ -334,7 +334,7 @@ def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
     """Join the ROS graph of the environment with a driver of a kind, which handles SIGINT until it leaves."""
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = Node("knee_contact_latency")
-    executor = executor_of(node)
+    executor = make_executor(node)
     before = signal.getsignal(signal.SIGINT)
     try:
         peer = kind(node, executor)
@@ -392,7 +392,7 @@ CANDIDATES = {
         partial(start_ours, [PARAMETERS, PARAMETERS.with_name("both_compartments.yaml")]),
     ),
     BARE: Candidate(
-        f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
+        f"rclpy's {FastestExecutor.__name__}, ordinary messages in and out, no computation, no files",
         partial(start_bare, bare.EVENTS),
     ),
     "bare, beside others": Candidate(
@@ -412,7 +412,7 @@ CANDIDATES = {
 
 @contextmanager
 def running(
-    candidate: Candidate, driver: Driver, work: Path, patience: float = PATIENCE
+    candidate: Candidate, driver: Driver, work: Path, patience: float = EXIT_PATIENCE
 ) -> Iterator[Child]:
     """Run a candidate in a process of its own until it answers; its files are in `work` until it has ended.
 

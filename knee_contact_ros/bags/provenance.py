@@ -25,7 +25,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import is_there, open_regular, sha256_of
+from knee_contact_ros.system.files import is_file, open_regular, sha256_of
 
 ORIGIN = "origin"
 """Name of the metadata record of an imported bag, which describes its origin"""
@@ -217,7 +217,7 @@ def model_digest() -> str:
 def bag_digest(bag: Path) -> str:
     """SHA-256 of a bag: of the file, or of the files of the bag in a folder (`files_of`)."""
     if bag.is_dir():
-        return _digest(path for path in files_of(bag) if is_there(path))
+        return _digest(path for path in files_of(bag) if is_file(path))
     with open_regular(bag) as file:
         return sha256_of(file)
 

@@ -52,14 +52,14 @@ from knee_contact_ros.streams.topics import (
     types_in,
     typestore,
 )
-from knee_contact_ros.system.errors import UsageError, in_a_line, listed
+from knee_contact_ros.system.errors import UsageError, join_faults, list_names
 from knee_contact_ros.system.files import (
-    LARGEST_METADATA,
+    MAX_METADATA_SIZE,
     BadYamlError,
-    is_there,
+    is_file,
     open_regular,
     read_yaml,
-    split,
+    split_rule,
 )
 
 Names = Mapping[str, str]
@@ -157,7 +157,7 @@ class BagReader:
                     self.connections[file.connections[number]] += count
             if self.damage and not self.connections.total():
                 raise UsageError(
-                    f"cannot read bag {path}: no message of it can be read; {in_a_line(self.damage)}"
+                    f"cannot read bag {path}: no message of it can be read; {join_faults(self.damage)}"
                 )
             try:
                 self.requested = {
@@ -166,7 +166,7 @@ class BagReader:
                 }
                 """Connections of each requested topic"""
             except UsageError as error:
-                damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
+                damage = f"; the bag is damaged: {join_faults(self.damage)}" if self.damage else ""
                 raise UsageError(f"{error}{damage}") from None
             first = next(self.raw_messages(), None) if path.is_file() else None
             if first and first.data.startswith(ZSTD):  # only `metadata.yaml` in its folder says so
@@ -354,7 +354,7 @@ def answer_blocks(
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         if reader.damage:
             raise UsageError(
-                f"{path} is damaged ({in_a_line(reader.damage)}): repair it with knee-contact recover"
+                f"{path} is damaged ({join_faults(reader.damage)}): repair it with knee-contact recover"
             )
         first, *others = {connection.definition for connection in reader.requested[topic]}
         if others:
@@ -405,7 +405,7 @@ def names_in_bag(
         names[NAMESPACE] = namespace
     remapped = set()
     for rule in remaps:
-        source, target = split(rule, "--remap")
+        source, target = split_rule(rule, "--remap")
         topic, allowed = absolute(source), " or ".join(inputs)
         if topic not in names:
             raise UsageError(
@@ -446,7 +446,7 @@ def _advice(connections: Iterable[Connection], topic: str) -> str:
         else []
     )
     ways += [OTHER_WAYS[own]] if own in OTHER_WAYS else []
-    return "; ".join([f"its topics: {listed(names) or 'none'}", *ways])
+    return "; ".join([f"its topics: {list_names(names) or 'none'}", *ways])
 
 
 def _unpacked(data: bytes) -> bytes:
@@ -487,7 +487,7 @@ def contents_of(folder: Path) -> Contents:
     """
     contents = Contents([], [])
     try:
-        content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
+        content = read_yaml(folder / METADATA, MAX_METADATA_SIZE)["rosbag2_bagfile_information"]
         names = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
         mode = str(content.get("compression_mode") or "").lower().replace("none", "")
         contents = Contents(names, [], mode, int(content.get("message_count") or 0))
@@ -503,7 +503,7 @@ def contents_of(folder: Path) -> Contents:
         OverflowError,
     ):
         contents.faults.append(f"{METADATA} cannot be read")
-    if any(is_there(folder / name) for name in contents.names):
+    if any(is_file(folder / name) for name in contents.names):
         return contents
     names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
     if not names:
@@ -516,7 +516,7 @@ def contents_of(folder: Path) -> Contents:
     ):
         raise UsageError(
             f"{folder} has more than one recording, and no usable {METADATA} that names one; "
-            f"give one of these files: {listed(names)}"
+            f"give one of these files: {list_names(names)}"
         )
     faults = [*contents.faults, *(f"{name} is missing" for name in contents.names)]
     mode = contents.compression.replace("file", "")  # somebody has unpacked these
@@ -646,7 +646,7 @@ def others_beside(bag: Path) -> list[str]:
     if not others:
         return []
     return [
-        f"{bag}: only {listed(sorted(read))} is read; to read {listed(others)}, give it as a file"
+        f"{bag}: only {list_names(sorted(read))} is read; to read {list_names(others)}, give it as a file"
     ]
 
 

@@ -45,7 +45,7 @@ from knee_contact_ros.streams.topics import (
 )
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import LARGEST_METADATA, open_regular
+from knee_contact_ros.system.files import MAX_METADATA_SIZE, open_regular
 from knee_contact_ros.system.output_files import partial_name, sync_folder
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -389,7 +389,7 @@ class BagWriter:
         """
         self._limits, self._alone, self._compressed = limits, alone, compressed
         self._names = (
-            output_files.all_names(path) if next_free_name else output_files.later_names(path)
+            output_files.free_names(path) if next_free_name else output_files.later_names(path)
         )
         claimed = (
             output_files.claim_first(self._names)
@@ -632,7 +632,7 @@ def refuse(path: Path, min_free: float, size: float = 0.0) -> None:
     Raises:
         UsageError: The path cannot be written (see `refuse_impossible`), or the disk is nearly full.
     """
-    output_files.refuse_impossible(path)
+    output_files.check_writable(path)
     folder = next(folder for folder in path.absolute().parents if folder.exists())
     if shortage := space_shortage(disk_usage(folder).free, min_free, size):
         raise UsageError(f"cannot write {path}: {shortage}")
@@ -679,7 +679,9 @@ def open_output(
     bag = BagWriter(path, limits=settings.limits, next_free_name=True)
     if bag.path != path:
         bag.remarks.append(f"{path} is there already: this recording is {bag.path}")
-    bag.remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
+    bag.remarks += map(
+        output_files.cut_off_message, output_files.unfinished_files(path.parent, ".mcap")
+    )
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings)
 
 
@@ -729,7 +731,7 @@ def put_metadata(folder: Path, content: dict[str, Any]) -> None:
     )
     try:
         with open_regular(metadata) as file:  # not parsed, which takes as long as writing it
-            is_ours = first.encode().partition(b"\n")[2] in file.read(LARGEST_METADATA)
+            is_ours = first.encode().partition(b"\n")[2] in file.read(MAX_METADATA_SIZE)
     except OSError:
         is_ours = not os.path.lexists(metadata)
     if not is_ours:

@@ -15,8 +15,8 @@ from mcap.writer import CompressionType, Writer
 from knee_contact_ros.bags.mcap_file import Advance, McapFile
 from knee_contact_ros.bags.reader import MCAP, kind_of
 from knee_contact_ros.bags.recorder import CHUNK_SIZE, LIBRARY, ROSBAG2
-from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.output_files import is_being_written, refuse_input, rename_new
+from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.output_files import check_not_input, is_being_written, rename_new
 
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""
@@ -86,7 +86,7 @@ def recover(
                 if not file.streams
                 else "an MCAP file of which no message can be read"
             )
-            raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
+            raise UsageError(f"{source} is {kind}: {join_faults(file.faults) or 'it has none'}")
         topics, spans = _topics(file), [segment.times for segment in file.segments]
         times = min(first for first, _ in spans), max(last for _, last in spans)
         partial = output.with_name(f"{output.name}.{os.getpid()}{SUFFIX}")
@@ -118,7 +118,7 @@ def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> Mc
         raise UsageError(f"{source} {reason}")
     if is_being_written(source):
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
-    refuse_input(output, [source])
+    check_not_input(output, [source])
     if output.is_dir() or (os.path.lexists(output) and not overwrite):
         raise UsageError(f"{output} exists already; choose another name, or --overwrite")
     try:

@@ -56,8 +56,8 @@ from knee_contact_ros.streams.topics import (
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require, share_folder
 from knee_contact_ros.system.output_files import partial_name, replace, work_folder
-from knee_contact_ros.system.processes import PATIENCE, Child, child_process
-from knee_contact_ros.system.ros import executor_of, joining, private_graph
+from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
+from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, private_graph
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.view.output import (
     NOT_INSTALLED,
@@ -314,10 +314,10 @@ def play(
     Raises:
         UsageError: the nodes did not appear in time, or a process has ended.
     """
-    with joining():
+    with one_line_ros_errors():
         rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
         node = Node("knee_contact_demo")
-    executor = executor_of(node)
+    executor = make_executor(node)
 
     def spin(seconds: float) -> Sequence[Command]:
         executor.spin_once(timeout_sec=seconds)
@@ -362,7 +362,7 @@ def play(
 def node_process(
     files: list[Path],
     work: Path,
-    patience: float = PATIENCE,
+    patience: float = EXIT_PATIENCE,
     values: Mapping[str, Any] | None = None,
     load: bool = False,
 ) -> Iterator[Child]:

@@ -485,12 +485,12 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import answers_of
     from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
-    from knee_contact_ros.system.output_files import refuse_impossible, refuse_input
+    from knee_contact_ros.system.output_files import check_not_input, check_writable
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
-    refuse_impossible(picture)
-    refuse_input(picture, files_of(bag))
+    check_writable(picture)
+    check_not_input(picture, files_of(bag))
     basis = basis_of(bag, given.parameter_files or None, given.values(), None, in_bag.namespace)
     results, summary = answers_of(bag, basis, in_bag.names())
     if summary.ticks < 2:

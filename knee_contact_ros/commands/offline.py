@@ -24,7 +24,7 @@ from knee_contact_ros.commands.options import (
     parameter_options,
     path_option,
 )
-from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
+from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError
 
 LONGEST_NAME = 80
 """Most letters in the name of several bags together"""
@@ -41,12 +41,12 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
     """
     from knee_contact_ros.bags.reader import files_of
     from knee_contact_ros.bags.recorder import METADATA
-    from knee_contact_ros.system.files import refuse_twice
+    from knee_contact_ros.system.files import check_distinct
 
     if len(bags) == 1:
         yield bags[0]
         return
-    refuse_twice(bags)
+    check_distinct(bags)
     if missing := [bag for bag in bags if not bag.exists()]:
         raise UsageError(f"no bag at {missing[0]}: give an .mcap file or a rosbag2 folder")
     files = [file for bag in bags for file in files_of(bag)]
@@ -62,7 +62,7 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
         )  # JSON is YAML
         try:
             yield folder
-        except ToldError as error:
+        except CommandError as error:
             told = str(error)
             for link, file in zip(links, files, strict=True):
                 told = told.replace(str(folder / link), link).replace(link, str(file))
@@ -159,7 +159,7 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     from knee_contact_ros.offline.estimate_load import load_parameters_for
     from knee_contact_ros.offline.solve import weight_doubt
     from knee_contact_ros.streams.topics import LOAD_INPUTS
-    from knee_contact_ros.system.errors import in_a_line
+    from knee_contact_ros.system.errors import join_faults
     from knee_contact_ros.system.terminal import progress, warn
 
     parameters, without, doubts = load_parameters_for(
@@ -173,7 +173,7 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts, *summary.implausible])
     if summary.damage:
         raise IncompleteError(
-            f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"
+            f"bag {bag} is damaged, and read as far as it can be: {join_faults(summary.damage)}"
         )
 
 
@@ -255,10 +255,10 @@ def table(bag: Path, output: Path, topic: str) -> None:
     from knee_contact_ros.bags.reader import absolute, answer_topics, files_of, read_answers
     from knee_contact_ros.results import answer_table
     from knee_contact_ros.system.files import require
-    from knee_contact_ros.system.output_files import refuse_input, write_complete
+    from knee_contact_ros.system.output_files import check_not_input, write_complete
     from knee_contact_ros.system.terminal import say
 
-    refuse_input(output, files_of(bag))
+    check_not_input(output, files_of(bag))
     topics = [absolute(topic)] if topic else answer_topics(bag)
     if not topics:
         raise UsageError(f"{bag} has no answers: knee-contact solve computes them")

@@ -13,7 +13,7 @@ import click
 
 from knee_contact_ros.system import files
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import checked_output
+from knee_contact_ros.system.output_files import check_output
 
 if TYPE_CHECKING:
     from knee_contact_ros.bags.reader import Names
@@ -66,9 +66,7 @@ class Output(click.Path):
             UsageError: the output's folder does not exist, or the name has another suffix.
         """
         label = param.opts[0] if isinstance(param, click.Option) else "output"
-        return checked_output(
-            Path(str(super().convert(value, param, ctx))), label, *self._suffixes
-        )
+        return check_output(Path(str(super().convert(value, param, ctx))), label, *self._suffixes)
 
 
 def path_option(

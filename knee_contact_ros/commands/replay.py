@@ -33,8 +33,8 @@ from knee_contact_ros.commands.player import (
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
-from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.ros import joining
+from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.ros import one_line_ros_errors
 from knee_contact_ros.system.terminal import progress, say
 
 QOS = QoSProfile(depth=1000)
@@ -161,11 +161,11 @@ def run_replay(
         )
         if reader.damage:
             say(
-                f"bag {bag} is damaged; publishing what can be read: {in_a_line(reader.damage)}",
+                f"bag {bag} is damaged; publishing what can be read: {join_faults(reader.damage)}",
                 err=True,
             )
         span = span_of(reader, timing)
-        with joining():
+        with one_line_ros_errors():
             rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
             opened.callback(rclpy.shutdown)
             node = Node("knee_contact_replay", namespace=namespace.strip("/"))

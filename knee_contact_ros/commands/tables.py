@@ -18,7 +18,14 @@ from knee_contact_ros.offline.summary import Moment, Summary
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
-from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, show_pairs, show_table, shown
+from knee_contact_ros.system.terminal import (
+    UNBOUNDED,
+    WIDTH,
+    safe_cell,
+    say,
+    show_pairs,
+    show_table,
+)
 
 MOST_PEAKS = 12
 """Largest number of load peaks that have a row each"""
@@ -42,7 +49,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures = [("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}{runs}")]
     if len(summary.load_peaks) > MOST_PEAKS:
         figures.append(("peaks", f"{len(summary.load_peaks)} of the load"))
-    figures += [(name, shown(value)) for name, value in live.items()]
+    figures += [(name, safe_cell(value)) for name, value in live.items()]
     if summary.split:
         figures.append(("share of the load", summary.split.text))
     figures.append(("samples refused", counts(summary.refused)))
@@ -59,7 +66,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
                 f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick",
             ),
         ]
-    show_pairs([*figures, *(("warning", shown(sentence)) for sentence in summary.sentences)])
+    show_pairs([*figures, *(("warning", safe_cell(sentence)) for sentence in summary.sentences)])
     console.print()
     for name, path in files.items():
         say(f"{name}: {path}")
@@ -170,7 +177,7 @@ def show_load(
                 "constants",
                 "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED,
             ),
-            *((name, shown(value)) for name, value in rows.items()),
+            *((name, safe_cell(value)) for name, value in rows.items()),
             ("samples refused", counts(summary.refused)),
             (
                 "estimates flagged",
@@ -190,7 +197,7 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     """Print the recovered and the missing messages of each topic, the faults, and the output file."""
     rows = [
         (
-            f"{shown(topic)}\n  {shown(kind)}",
+            f"{safe_cell(topic)}\n  {safe_cell(kind)}",
             str(count),
             "unknown" if missing is None else str(missing),
         )

@@ -32,9 +32,9 @@ from knee_contact_ros.streams.topics import (
     knee_name,
 )
 from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.files import refuse_twice
-from knee_contact_ros.system.output_files import refuse_existing, refuse_input
-from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
+from knee_contact_ros.system.files import check_distinct
+from knee_contact_ros.system.output_files import check_name_free, check_not_input
+from knee_contact_ros.system.processes import LOCALHOST, check_port_free, interrupted_by_sigterm
 from knee_contact_ros.system.terminal import progress, say, warn
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
 from knee_contact_ros.view.output import (
@@ -114,9 +114,9 @@ def run_view(
         return
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
         path = save or Path(folder, "knee_contact.rrd")
-        refuse_twice(list(map(Path, sources)))
+        check_distinct(list(map(Path, sources)))
         for source in sources:
-            refuse_input(path, files_of(Path(source)))
+            check_not_input(path, files_of(Path(source)))
         recordings, missing = _with_answers(
             [Path(source) for source in sources], parameters, Path(folder)
         )
@@ -138,9 +138,9 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
     if save and ports:
         raise UsageError("--save and --serve cannot be given together")
     if save and not overwrite:
-        refuse_existing(save)
+        check_name_free(save)
     for port in ports:
-        refuse_taken(port, "--port")
+        check_port_free(port, "--port")
     if not save and not ports:
         refuse_blind(ALTERNATIVES)
 

@@ -27,8 +27,8 @@ from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
-from knee_contact_ros.system.terminal import say, show_table, shown, warn
+from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
+from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
 
 STRETCH = 1.0
 """Duration of a stretch that the jackknife leaves out [s]: about a stride"""
@@ -87,9 +87,9 @@ def align(
         UsageError: a file, the map or the output cannot be used, or the angles are not of the same knee. Nothing is
             written then.
     """
-    refuse_input(output, [*files, *maps])
+    check_not_input(output, [*files, *maps])
     if not overwrite:
-        refuse_existing(output)
+        check_name_free(output)
     sensors = read_map(maps)
     if sensors.reference is None:
         raise UsageError(
@@ -268,7 +268,7 @@ def show(alignment: Alignment, output: Path) -> None:
         value, low, high = (
             f"{factor * each:.{digits}f}" for each in (estimate.value, *estimate.bounds)
         )
-        rows.append((shown(name), value, f"{low} to {high}", shown(parameter)))
+        rows.append((safe_cell(name), value, f"{low} to {high}", safe_cell(parameter)))
     show_table(("", "value", "95 % interval", "parameter"), rows, right=["value"])
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")

@@ -31,7 +31,7 @@ from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import sha256_of
 from knee_contact_ros.system.output_files import replace
-from knee_contact_ros.system.terminal import say, show_pairs, shown, warn
+from knee_contact_ros.system.terminal import safe_cell, say, show_pairs, warn
 
 JOINT = "knee"
 """Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""
@@ -368,7 +368,7 @@ def show(gait: Gait, bag: Path) -> None:
         ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
     say(f"{gait.side} knee")
     show_pairs(
-        (name, f"{shown(text)}\n{ranges.get(name, '')}".rstrip())
+        (name, f"{safe_cell(text)}\n{ranges.get(name, '')}".rstrip())
         for name, text in gait.columns.items()
     )
     for line in (

@@ -16,7 +16,7 @@ from knee_contact_ros.lab.tables import DAY, Column, Header, Series, Table
 from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError, listed, meant
+from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import work_folder
 
@@ -252,7 +252,7 @@ def _meant(error: ValidationError) -> str:
     )
     if first["type"] != "extra_forbidden":
         return ""
-    return f"; {meant(str(first['loc'][-1]), [name for section in sections for name in section.model_fields])}"
+    return f"; {suggest(str(first['loc'][-1]), [name for section in sections for name in section.model_fields])}"
 
 
 def read_channels(
@@ -363,7 +363,7 @@ def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
         )
     missing, where = min(lacking.values(), key=len)[0], " and ".join(map(str, named))
     names = [each for header in named.values() for each in header.names]
-    hint = meant(str(missing), names, f"it has {listed(names)}")
+    hint = suggest(str(missing), names, f"it has {list_names(names)}")
     raise UsageError(f"{where} has no column {missing} (map: {name}); {hint}")
 
 

@@ -39,8 +39,8 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
-from knee_contact_ros.system.terminal import say, show_table, shown, warn
+from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
+from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
 
 TERM = re.compile(
     r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*"
@@ -122,9 +122,9 @@ def run_fit_share(
     Raises:
         UsageError: a trial, an option or the output cannot be used.
     """
-    refuse_input(output, chain.from_iterable(files))
+    check_not_input(output, chain.from_iterable(files))
     if not overwrite:
-        refuse_existing(output)
+        check_name_free(output)
     if len(body_weight) not in (1, len(files)):
         raise UsageError(
             f"--body-weight: {len(body_weight)} for {len(files)} trials; give one, or one for each"
@@ -541,7 +541,7 @@ def _show(trials: Sequence[Trial], found: Found) -> None:
         errors = [each[place] for each in found.errors.values()]
         rows.append(
             [
-                shown(trial.name),
+                safe_cell(trial.name),
                 *(f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in errors),
             ]
         )

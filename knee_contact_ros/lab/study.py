@@ -72,8 +72,8 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_both
-from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError, in_a_line
-from knee_contact_ros.system.files import expanded, read_mapping
+from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
+from knee_contact_ros.system.files import expand_user, read_mapping
 from knee_contact_ros.system.terminal import progress, say, warn
 
 Values = dict[str, Any]
@@ -311,7 +311,7 @@ def here(place: str) -> Iterator[tuple[Path, str]]:
     import fsspec
 
     with TemporaryDirectory(prefix="knee_contact_bag_") as folder:
-        path = expanded(place)
+        path = expand_user(place)
         try:
             if ADDRESS.search(place):
                 files, inner = fsspec.core.url_to_fs(place)
@@ -348,7 +348,7 @@ def groups_of(study: Study) -> list[Group]:
     """
     found = []
     for name, several in itertools.groupby(study.knees, lambda knee: knee[0]):
-        place = name if ADDRESS.search(name) else str(expanded(name).absolute())
+        place = name if ADDRESS.search(name) else str(expand_user(name).absolute())
         with here(place) as (path, digest):
             files = (
                 [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
@@ -358,7 +358,7 @@ def groups_of(study: Study) -> list[Group]:
                 weight_of(path),
             )
             with BagReader(path, {}) as reader:
-                damage = in_a_line(reader.damage)
+                damage = join_faults(reader.damage)
             doubts = () if "params" in study.model_fields_set else tuple(recorded_doubt(path))
         for bag, params in several:
             parameters, texts = with_weight([*params, study.values], weight), dict[str, str]()
@@ -580,7 +580,7 @@ class Shards:
 
         self.url = url
         with self.errors():
-            place = url if ADDRESS.search(url) else str(expanded(url).absolute())
+            place = url if ADDRESS.search(url) else str(expand_user(url).absolute())
             self.files, self.folder = fsspec.core.url_to_fs(place, use_listings_cache=False)
             if self.files.isfile(self.folder):
                 raise UsageError(f"output {url}: is a file; a folder is needed")
@@ -590,7 +590,7 @@ class Shards:
         """Turn errors in reading or writing the folder into one line that names it."""
         try:
             yield
-        except ToldError:
+        except CommandError:
             raise
         except Exception as error:  # a boundary: each kind of store has errors of its own
             full = isinstance(error, OSError) and error.errno in FULL
@@ -754,7 +754,7 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
             future.release()
             yield block, answered
             submit()
-    except ToldError:
+    except CommandError:
         raise
     except KilledWorker:
         where = f"{len(block.keys)} cases of bag {block.bag}"

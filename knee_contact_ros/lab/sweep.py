@@ -43,7 +43,7 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline, half_spac
 from knee_contact_ros.streams.gait_events import GAP
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -561,15 +561,15 @@ def sweep(
             recording = _recording(gait, parameters)
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
-            parameters = parameters_for(expanded(str(gait)), sources)
+            parameters = parameters_for(expand_user(str(gait)), sources)
             names = names_in_bag(
                 [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace
             )
             recording, _ = read_recording(
-                expanded(str(gait)), parameters, file_texts(parameters, files), names
+                expand_user(str(gait)), parameters, file_texts(parameters, files), names
             )
-            own = recorded_doubt(expanded(str(gait))) if params == DEFAULT_PARAMETERS else []
-            warn_of(expanded(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
+            own = recorded_doubt(expand_user(str(gait))) if params == DEFAULT_PARAMETERS else []
+            warn_of(expand_user(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     compiled = worth_compiling(len(cases) * len(recording.steps))
     computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)

@@ -27,7 +27,7 @@ from scipy import constants
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError, listed, meant
+from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import open_regular, require
 
 Column = str | int
@@ -322,7 +322,7 @@ class Header(NamedTuple):
             )
             raise UsageError(f"{self.path} has {len(found)} columns {name}; {cure}")
         if not found:
-            hint = meant(str(name), self.names, f"it has {listed(self.names)}")
+            hint = suggest(str(name), self.names, f"it has {list_names(self.names)}")
             raise UsageError(f"{self.path} has no column {name}; {hint}")
         return found[0]
 

@@ -25,7 +25,7 @@ from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import write_complete
-from knee_contact_ros.system.terminal import WIDTH, say, shown
+from knee_contact_ros.system.terminal import WIDTH, safe_cell, say
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
@@ -189,7 +189,7 @@ def show(trade: Trade) -> None:
         "calls",
         "time [us]",
     ):
-        table.add_column(shown(heading), justify="right", no_wrap=True)
+        table.add_column(safe_cell(heading), justify="right", no_wrap=True)
     for level, tolerance, *errors, flagged, calls, microseconds in trade.settings:
         cells = (
             f"{tolerance:.0e}",

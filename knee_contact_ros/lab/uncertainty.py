@@ -35,8 +35,8 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.results import no_such
-from knee_contact_ros.system.errors import UsageError, meant
-from knee_contact_ros.system.files import expanded, read_mapping
+from knee_contact_ros.system.errors import UsageError, suggest
+from knee_contact_ros.system.files import expand_user, read_mapping
 from knee_contact_ros.system.terminal import progress
 
 STREAMS = {
@@ -102,7 +102,7 @@ def deviations_of(
     """
     if not isinstance(given, Mapping):
         given = read_mapping(
-            expanded(str(given)), "file of standard deviations", "names to standard deviations"
+            expand_user(str(given)), "file of standard deviations", "names to standard deviations"
         )
     if not given:
         raise UsageError(
@@ -127,7 +127,7 @@ def deviations_of(
                 f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
             )
             allowed = f"{where} {', '.join(streams)}, or a real number of {', '.join(sections)}"
-            hint = meant(name, [*streams, *known], allowed, cutoff=0.75)
+            hint = suggest(name, [*streams, *known], allowed, cutoff=0.75)
             raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
         relative = isinstance(size, str)
         part = name == "axial_load" or name not in STREAMS

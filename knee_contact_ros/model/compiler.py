@@ -136,9 +136,9 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
     if not any(
         _done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)
     ):
-        from knee_contact_ros.system.terminal import busy
+        from knee_contact_ros.system.terminal import announce
 
-        with busy(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
+        with announce(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
             compile_twin(made, types)
         kept = any(
             _done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused)

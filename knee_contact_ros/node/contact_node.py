@@ -50,7 +50,7 @@ from knee_contact_ros.streams.topics import (
     recorded_topics,
     typestore,
 )
-from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
+from knee_contact_ros.system.processes import OWN_PROCESS_GROUP, python_module, start_process
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import (
     NEWTONS_PER_MM,
@@ -159,8 +159,10 @@ class ContactSession(Session):
             self.node.get_logger().info(
                 f"compiling the model, once on a machine, which takes about {COMPILING:.0f} s"
             )
-            process = start(
-                output=None, **OWN_GROUP, **python_module("knee_contact_ros.commands.main", "warm")
+            process = start_process(
+                output=None,
+                **OWN_PROCESS_GROUP,
+                **python_module("knee_contact_ros.commands.main", "warm"),
             )
             try:
                 with interrupting():

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from knee_contact_ros.model.types import FLAT, ROW, UNUSABLE, Fidelity, Status
 from knee_contact_ros.node.outputs import WORTH_A_WARNING
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS
-from knee_contact_ros.system.ros import resolved
+from knee_contact_ros.system.ros import resolve_topic
 
 if TYPE_CHECKING:
     from knee_contact_ros.node.contact_node import ContactSession
@@ -186,7 +186,9 @@ class Health:
             if time.monotonic() - stream.meter.last > SILENCE
         ]
         if silent:
-            names = " and ".join(resolved(self.session.node, stream.topic) for stream in silent)
+            names = " and ".join(
+                resolve_topic(self.session.node, stream.topic) for stream in silent
+            )
             text = f"nothing received on {names} for {SILENCE:g} s or more"
             if any(
                 stream.publishers and not (stream.meter.received or stream.handed)

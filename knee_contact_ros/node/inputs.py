@@ -38,7 +38,7 @@ from knee_contact_ros.streams.frames import (
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import installed_share
-from knee_contact_ros.system.ros import resolved
+from knee_contact_ros.system.ros import resolve_topic
 
 LOOK_PERIOD = 1.0
 """Time [s] between two searches for topics that match a pattern"""
@@ -274,7 +274,7 @@ class Input:
 
     def _look(self) -> None:
         """Subscribe to new topics that match, and unsubscribe from those that are gone."""
-        pattern = resolved(self._node, self.topic)
+        pattern = resolve_topic(self._node, self.topic)
         kind = f"{self._type.__module__.split('.')[0]}/msg/{self._type.__name__}"
         topics = {
             name

@@ -26,9 +26,9 @@ from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file, check_used
 from knee_contact_ros.streams.topics import INPUTS
 from knee_contact_ros.streams.watch import unanswered_sentence
-from knee_contact_ros.system.errors import UsageError, in_a_line, meant
+from knee_contact_ros.system.errors import UsageError, join_faults, suggest
 from knee_contact_ros.system.files import parameter_file
-from knee_contact_ros.system.ros import executor_of, joining, resolved
+from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, resolve_topic
 from knee_contact_ros.system.ros_files import read_sections
 
 ROS_ARGUMENTS = "--ros-args"
@@ -143,12 +143,14 @@ class ManagedNode(LifecycleNode):
                 return TransitionCallbackReturn.ERROR
             known, given = sorted(self._qos), sorted(given_by_user(self))
             if unused := [
-                f"{name} has no effect: {meant(name, known)}"
+                f"{name} has no effect: {suggest(name, known)}"
                 for name in given
                 if name not in known
             ]:
-                self.get_logger().warning(in_a_line(unused), once=True)
-            topics = " and ".join(resolved(self, stream.topic) for stream in self.session.inputs)
+                self.get_logger().warning(join_faults(unused), once=True)
+            topics = " and ".join(
+                resolve_topic(self, stream.topic) for stream in self.session.inputs
+            )
             self.get_logger().info(f"active, listening to {topics}")
         return result
 
@@ -226,14 +228,14 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         raise UsageError(f"ROS arguments: {error.object!r} is not UTF-8") from None
     stop, nodes = Stop(), list[ManagedNode]()
     try:
-        with joining():
+        with one_line_ros_errors():
             for kind in kinds:
                 with of_node(kind, kinds):
                     nodes.append(ManagedNode(kind, stop))
         check_names(nodes)
         check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
         start([node for node in nodes if node.node_parameters.read().autostart])
-        executor = executor_of(*nodes)
+        executor = make_executor(*nodes)
         while not stop.requested:
             spin(executor, nodes[0])
     finally:
@@ -295,12 +297,12 @@ def check_targets(arguments: Sequence[str], nodes: Sequence[str]) -> None:
         if flag == "--params-file":
             check_used(read_sections(Path(word)), word, nodes)
         elif flag in ("-p", "--param") and colon:
-            meant = [
+            hints = [
                 f"; in a namespace, use a file with {node}"
                 for node in nodes
                 if node.endswith(f"/{target}")
             ]
-            check_used([target], f"{flag} {word}", nodes, "".join(meant))
+            check_used([target], f"{flag} {word}", nodes, "".join(hints))
 
 
 def spin(executor: Executor, node: ManagedNode) -> None:

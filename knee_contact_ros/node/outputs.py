@@ -36,8 +36,8 @@ from knee_contact_ros.streams.output import (
 )
 from knee_contact_ros.streams.topics import NANOSECONDS, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import all_names
-from knee_contact_ros.system.processes import Process, connected, reap
+from knee_contact_ros.system.output_files import free_names
+from knee_contact_ros.system.processes import Process, reap_process, start_connected
 
 MB = 10**6
 WORKER = "knee_contact_ros.node.output_process"
@@ -181,7 +181,7 @@ class SinkProcess:
         """Start the process, and hand over waiting items until it is gone; runs in the thread."""
         reason = ""
         try:
-            connection, self.process = connected(WORKER, str(self._sink.niceness))
+            connection, self.process = start_connected(WORKER, str(self._sink.niceness))
             with connection:
                 try:
                     reason = self._feed(connection)
@@ -192,7 +192,7 @@ class SinkProcess:
                     with suppress(EOFError, OSError):
                         while True:
                             self._hear(connection.recv())
-            code = reap(self.process)
+            code = reap_process(self.process)
             if not reason and self._last.state != ENDED:
                 ended = (
                     f"was ended by {signal.Signals(-code).name}"
@@ -407,7 +407,7 @@ class Outputs:
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink = sink_of("record", knee)
         assert sink  # noqa: S101  (there is a path)
-        return SinkProcess(sink._replace(name=str(next(all_names(path)))), self._log)
+        return SinkProcess(sink._replace(name=str(next(free_names(path)))), self._log)
 
     def stop_recording(self, ending: Ending) -> str:
         """Request that the recording completes, and return the name of its file.

@@ -43,7 +43,7 @@ from knee_contact_ros.streams.output import Knee, Note
 from knee_contact_ros.streams.pairing import PairedSample, Pipeline
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import all_names, refuse_impossible, stamped
+from knee_contact_ros.system.output_files import check_writable, expand_stamp, free_names
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
@@ -304,9 +304,9 @@ class Session(ABC):
             raise UsageError(
                 "there is nothing to save: no answer since the parameters changed, or record.snapshot is 0"
             )
-        path = Path(stamped(self.parameters.record.path) or f"{self.node.get_name()}.mcap")
-        refuse_impossible(path)
-        path = next(all_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
+        path = Path(expand_stamp(self.parameters.record.path) or f"{self.node.get_name()}.mcap")
+        check_writable(path)
+        path = next(free_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
         record = self.parameters.record.model_copy(update={"path": str(path)})
         knee = self._described(self.parameters.model_copy(update={"record": record}))
         before = {TICKS_BEFORE: str(self.pipeline.ticks - answers)}
@@ -317,7 +317,7 @@ class Session(ABC):
         """Description for outputs that begin now, with the time in the names of their files."""
         sections = {name: getattr(self.parameters, name, None) for name in ("record", "rerun")}
         update = {
-            name: part.model_copy(update={"path": stamped(part.path)})
+            name: part.model_copy(update={"path": expand_stamp(part.path)})
             for name, part in sections.items()
             if part
         }

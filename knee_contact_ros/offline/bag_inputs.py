@@ -20,7 +20,7 @@ from knee_contact_ros.streams.conversion import converters, store_of
 from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
 from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_STATES
-from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.errors import UsageError, list_names
 from knee_contact_ros.system.terminal import warn
 
 READ_AHEAD = 256
@@ -139,7 +139,7 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
             return
     for parameter, joint in wanted.items():
         if joints and joint not in joints:
-            known = listed(list(joints))
+            known = list_names(list(joints))
             text = f"{bag.topic} has no joint {joint!r}; it has {known} (parameter {parameter})"
             raise UsageError(f"bag {bag.path}: {text}")
 

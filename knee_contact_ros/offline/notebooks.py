@@ -27,9 +27,9 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Records, Results
 from knee_contact_ros.streams.contact_pipeline import compartments_of
 from knee_contact_ros.streams.topics import LOAD_INPUTS
-from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.files import expanded
-from knee_contact_ros.system.output_files import checked_output
+from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.files import expand_user
+from knee_contact_ros.system.output_files import check_output
 from knee_contact_ros.system.terminal import progress
 
 Name = str | PathLike[str]
@@ -79,7 +79,7 @@ def solve(
     """
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
-        written = checked_output(Path(output), "output", ".mcap") if output else None
+        written = check_output(Path(output), "output", ".mcap") if output else None
         results, summary = answers_of(path, basis, names, written, overwrite, compiled)
         doubts = [*weight_doubt(path, parameters_in(basis)), *summary.warnings, summary.unanswered]
         warn_of(path, "solved", doubts, summary.damage)
@@ -112,7 +112,8 @@ def warn_of(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) 
     """Warn of doubts, if they are not empty, of other recordings in the bag's folder, and of its damage."""
     damaged = f"bag {bag} is damaged, and {done} as far as it can be{' read' * (done == 'solved')}"
     for sentence in filter(
-        None, [*others_beside(bag), *doubts, *([f"{damaged}: {in_a_line(damage)}"] * bool(damage))]
+        None,
+        [*others_beside(bag), *doubts, *([f"{damaged}: {join_faults(damage)}"] * bool(damage))],
     ):
         warnings.warn(in_python(sentence), stacklevel=3)
 
@@ -140,8 +141,8 @@ def solve_inputs(
         UsageError: an argument cannot be used.
     """
     check_mappings(values, remap)
-    person = Subject(expanded(str(subject))) if subject else None
-    path = expanded(str(bag)) if bag else person.bag if person else None
+    person = Subject(expand_user(str(subject))) if subject else None
+    path = expand_user(str(bag)) if bag else person.bag if person else None
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
     basis = basis_of(path, params, dotted(values or {}), person, namespace)
@@ -215,7 +216,7 @@ def estimate_load(
     Raises:
         UsageError: bag, parameters or output cannot be used, or nothing could be estimated.
     """
-    path = expanded(str(bag))
+    path = expand_user(str(bag))
     with in_python_words():
         check_mappings(values, remap)
         sources = (
@@ -226,7 +227,7 @@ def estimate_load(
         )
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
-        written = checked_output(Path(output), "output", ".mcap") if output else None
+        written = check_output(Path(output), "output", ".mcap") if output else None
         with progress("Estimating") as advance:
             summary = estimate(path, parameters, written, advance, overwrite, names)
         warn_of(path, "read", [*changed, *summary.implausible], summary.damage)

@@ -56,9 +56,9 @@ from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.streams.pairing import Pipeline
 from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
-from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
-from knee_contact_ros.system.output_files import refuse_input
+from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, find_file, read_mapping
+from knee_contact_ros.system.output_files import check_not_input
 
 SAME_WEIGHT = 0.01
 """Largest relative difference of body weights that count as equal"""
@@ -178,7 +178,7 @@ def recording_of(
     if output is None:
         yield None
         return
-    refuse_input(output, files_of(bag))
+    check_not_input(output, files_of(bag))
     with BagWriter(output, overwrite=overwrite, alone=True) as writer:
         record = provenance_record(parameters, curves, bag)
         yield AnswerWriter(writer, record, {topic: f"/{topic}" for topic in topics}, told_as)
@@ -219,7 +219,7 @@ def nothing_computed(
         "; ".join(filter(None, (reasons, pipeline.last_refusal)))
         or "no angle and force at one time"
     )
-    damaged = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
+    damaged = f"; the bag is damaged: {join_faults(damage)}" if damage else ""
     return UsageError(f"bag {bag}: no {what} ({why}){damaged}")
 
 
@@ -473,6 +473,6 @@ class Subject:
         return [*files, values]
 
     def _file(self, name: str) -> Path:
-        path = expanded(name)
+        path = expand_user(name)
         beside = self.path.parent / path
         return path if path.is_absolute() else beside if beside.exists() else find_file(name)

@@ -18,7 +18,7 @@ from knee_contact_ros.model.types import Fidelity, Rows, Status
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
 from knee_contact_ros.streams.watch import Doubts, Split
-from knee_contact_ros.system.errors import in_a_line
+from knee_contact_ros.system.errors import join_faults
 
 PEAKS = ("load", "contact_force", "penetration_depth")
 """Fields of an answer whose largest values are kept"""
@@ -197,7 +197,7 @@ class Summary:
     def missing(self, bag: Path) -> str:
         """Sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
         damage = (
-            f" is damaged, and solved as far as it can be read: {in_a_line(self.damage)}"
+            f" is damaged, and solved as far as it can be read: {join_faults(self.damage)}"
             if self.damage
             else ""
         )

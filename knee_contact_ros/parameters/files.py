@@ -39,8 +39,8 @@ from knee_contact_ros.system.files import (
 from knee_contact_ros.system.ros_files import (
     Sections,
     add_sections,
-    fits,
-    flat,
+    flatten,
+    matches_node,
     read_sections,
     values_for,
 )
@@ -85,7 +85,7 @@ def known_parameters(schema: type[NodeSection] = Parameters) -> Mapping[str, Dec
 
 def dotted(values: Mapping[str, Any]) -> dict[str, Any]:
     """Flatten a mapping with nested or dotted names to dotted names."""
-    return dict(flat(values))
+    return dict(flatten(values))
 
 
 def all_values(parameters: Section) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def check_used(sections: Collection[str], name: str, nodes: Sequence[str], hint:
     Raises:
         UsageError: none is; the error ends with `hint`.
     """
-    if sections and not any(fits(each, node) for each in sections for node in nodes):
+    if sections and not any(matches_node(each, node) for each in sections for node in nodes):
         wanted, found = " or ".join(node[1:] for node in nodes), short(", ".join(sections))
         raise UsageError(f"{name}: no parameters for node {wanted}; found {found}{hint}")
 

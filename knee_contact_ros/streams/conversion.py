@@ -25,7 +25,7 @@ from knee_contact_ros.streams import messages
 from knee_contact_ros.streams.columns import BYTES, FIXED
 from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, types_in, typestore
-from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.errors import UsageError, list_names
 
 Types = Callable[[Source, str], Typestore]
 """Returns the definitions of a source's type and of all types in it; errors name the given parameter"""
@@ -69,7 +69,8 @@ class Body:
         ]
         if not found:
             raise RefusedSampleError(
-                "joint_missing", f"no joint {before}{ANY}{after}; there are {listed(state.name)}"
+                "joint_missing",
+                f"no joint {before}{ANY}{after}; there are {list_names(state.name)}",
             )
         if self._id not in found:
             if self._id and abs(state.stamp - self._last) <= self._patience:
@@ -79,7 +80,7 @@ class Body:
                 raise RefusedSampleError("another_body", text)
             if len(found) > 1:
                 raise RefusedSampleError(
-                    "another_body", f"{len(found)} bodies at once: {listed(found)}"
+                    "another_body", f"{len(found)} bodies at once: {list_names(found)}"
                 )
             self._id = found[0]
         self._last = state.stamp
@@ -240,7 +241,7 @@ def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
             continue
         known = dict(store.fielddefs[detail][1]) if kind is Nodetype.NAME else {}
         if step not in known:
-            has = f"; it has {listed(list(known))}" if known else ""
+            has = f"; it has {list_names(list(known))}" if known else ""
             what = detail if kind is Nodetype.NAME else f"what comes before it in {type_name}"
             raise UsageError(
                 f"parameter {by}: {written(field)}: {what} has no field {step!r}{has}"

@@ -21,7 +21,7 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
-from knee_contact_ros.system.errors import LONGEST, printable
+from knee_contact_ros.system.errors import MAX_NAME_LENGTH, printable
 
 TF_STATIC = "/tf_static"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
@@ -274,7 +274,7 @@ class ForceFrame:
 
 
 def _short(name: str) -> str:
-    return repr(name if len(name) <= LONGEST else f"{name[:LONGEST]}...")
+    return repr(name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}...")
 
 
 def turned_wrench(wrench: WrenchStamped, pose: Pose, frame: str) -> WrenchStamped:

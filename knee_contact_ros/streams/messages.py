@@ -23,7 +23,7 @@ from knee_contact_ros.model.types import MESSAGE
 from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
-from knee_contact_ros.system.errors import listed, printable
+from knee_contact_ros.system.errors import list_names, printable
 
 Order = Literal["<", ">"]
 HEADER = b"\x00\x01\x00\x00"
@@ -374,7 +374,7 @@ def number_of(message: JointState, joint: str, quantity: str) -> float:
         RefusedSampleError: the joint is missing, or has no finite value.
     """
     if joint not in message.name:
-        known = listed(message.name)
+        known = list_names(message.name)
         raise RefusedSampleError(
             "joint_missing", f"joint_states has no joint {joint!r}; it has {known}"
         )
@@ -491,7 +491,7 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
             text = f"joint {joint!r} has {len(names)} interfaces and {len(values)} values"
             raise RefusedSampleError("lengths_differ", f"{DYNAMIC_JOINT_STATES}: {text}")
         elif joint in wanted:
-            text = f"joint {joint!r} has no interface {POSITION}; it has {listed(names) or 'none'}"
+            text = f"joint {joint!r} has no interface {POSITION}; it has {list_names(names) or 'none'}"
             raise RefusedSampleError("joint_missing", f"{DYNAMIC_JOINT_STATES}: {text}")
     header = message.header
     return encode_joint_state(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Sequence
 
-SHOWN = 20
+MAX_NAMES = 20
 """Largest number of names that an error lists"""
-MOST_FAULTS = 3
+MAX_FAULTS = 3
 """Largest number of faults in a message"""
-LONGEST = 100
+MAX_NAME_LENGTH = 100
 """Largest number of characters of a name in a list"""
 
 
@@ -25,43 +25,44 @@ def printable(text: str) -> str:
     )
 
 
-def listed(names: Sequence[str]) -> str:
+def list_names(names: Sequence[str]) -> str:
     """List of names with commas; a long list is cut, and so is a long name."""
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
     return (
         printable(
             ", ".join(
-                name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names[:SHOWN]
+                name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}..."
+                for name in names[:MAX_NAMES]
             )
         )
         + more
     )
 
 
-def meant(name: str, names: Collection[str], otherwise: str = "", cutoff: float = 0.6) -> str:
+def suggest(name: str, names: Collection[str], otherwise: str = "", cutoff: float = 0.6) -> str:
     """Hint for an unknown name: the known one that is similar, or else `otherwise`, or else all known ones."""
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     return f"did you mean {near[0]}?" if near else otherwise or f"allowed are {', '.join(names)}"
 
 
-def in_a_line(faults: Collection[str]) -> str:
+def join_faults(faults: Collection[str]) -> str:
     """First faults, and the number of the others, in one line of printable characters."""
-    more = len(faults) - MOST_FAULTS
-    return printable("; ".join(list(faults)[:MOST_FAULTS])) + (
+    more = len(faults) - MAX_FAULTS
+    return printable("; ".join(list(faults)[:MAX_FAULTS])) + (
         f"; and {more} more" if more > 0 else ""
     )
 
 
-class ToldError(Exception):
+class CommandError(Exception):
     """Error whose text is one printable line, whatever foreign names and texts are in it."""
 
     def __init__(self, text: str) -> None:
         super().__init__(printable(" ".join(text.split())))
 
 
-class UsageError(ToldError):
+class UsageError(CommandError):
     """Bad input. The text names the file, topic or parameter, its value and what is allowed; exit code 2."""
 
 
-class IncompleteError(ToldError):
+class IncompleteError(CommandError):
     """The work is done, but a part of the input is missing. The text says which part; exit code 1."""

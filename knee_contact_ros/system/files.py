@@ -75,7 +75,7 @@ def installed_share(package: str) -> Path | None:
 
 def find_file(name: str) -> Path:
     """Path of a file that a parameter names: from the current folder, else in the package's config folder."""
-    path = expanded(name)
+    path = expand_user(name)
     if path.is_absolute() or path.exists():
         return path
     packaged = share_folder() / "config" / path
@@ -97,7 +97,7 @@ def shipped_parameter_files(folder: str = "") -> list[Path]:
     return sorted(files, key=lambda path: path.name != DEFAULT_PARAMETERS)
 
 
-def expanded(name: str) -> Path:
+def expand_user(name: str) -> Path:
     """Path with `~` and `~user` expanded; unchanged if there is no such user."""
     try:
         return Path(name).expanduser()
@@ -105,7 +105,7 @@ def expanded(name: str) -> Path:
         return Path(name)
 
 
-def refuse_twice(paths: Sequence[Path], what: str = "") -> None:
+def check_distinct(paths: Sequence[Path], what: str = "") -> None:
     """Check that no file is given twice, under whatever names; `what` precedes the name in the error.
 
     Raises:
@@ -117,7 +117,7 @@ def refuse_twice(paths: Sequence[Path], what: str = "") -> None:
             raise UsageError(f"{what}{path} is given twice")
 
 
-PART = 1 << 18
+HASH_BLOCK_SIZE = 1 << 18
 """Number of bytes read at a time"""
 
 
@@ -143,7 +143,7 @@ def open_regular(path: Path) -> BufferedReader:
     return os.fdopen(descriptor, "rb")  # which closes the descriptor if it fails or is interrupted
 
 
-def is_there(path: Path) -> bool:
+def is_file(path: Path) -> bool:
     """Whether a path is a regular file; False for a name that is too long."""
     try:
         return path.is_file()
@@ -167,26 +167,26 @@ def read_regular(path: Path, most: int) -> bytes:
 def sha256_of(file: BufferedReader) -> str:
     """SHA-256 of the rest of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
-    while part := file.read(PART):
+    while part := file.read(HASH_BLOCK_SIZE):
         digest.update(part)
     return digest.hexdigest()
 
 
-LARGEST = 2**16
+MAX_FILE_SIZE = 2**16
 """Default of the largest size of a file [B]: one with all parameters has about 3000"""
-LARGEST_METADATA = 2**20
+MAX_METADATA_SIZE = 2**20
 """Largest size [B] of the `metadata.yaml` of a rosbag2 folder: a thousand topics, or some thousand files"""
-MOST_NODES = 100_000
+MAX_NODES = 100_000
 """Largest number of texts, numbers, lists and mappings; repeats by aliases count each time"""
-DEEPEST = 50
+MAX_DEPTH = 50
 """Largest depth of nested lists and mappings"""
-MOST_BITS = 64
+MAX_INTEGER_BITS = 64
 """Largest number of bits of an integer"""
-TOO_DEEP = f"it is nested deeper than {DEEPEST} levels"
+TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
 BRACKETS = re.compile(r"[\[\]{}]")
 MERGE = re.compile(r"""<<['"]?\s*:""")
 """Merge key, which inserts the entries of other mappings: the parser does so before they can be counted"""
-HALF = re.compile("[\ud800-\udfff]")
+SURROGATE = re.compile("[\ud800-\udfff]")
 """Surrogate, which an escape may give: UTF-8 has none"""
 END = object()
 
@@ -195,7 +195,7 @@ class BadYamlError(ValueError):
     """A text is not YAML, or exceeds the bounds; the text of the error is one line."""
 
 
-def read_yaml(path: Path, most: int = LARGEST) -> Any:
+def read_yaml(path: Path, most: int = MAX_FILE_SIZE) -> Any:
     """Read a YAML file of at most `most` bytes.
 
     Raises:
@@ -216,7 +216,7 @@ def parse_yaml(text: str) -> Any:
     """
     from ruamel.yaml import YAML
 
-    if opened(text) > DEEPEST:  # the parser would take seconds to find out
+    if bracket_depth(text) > MAX_DEPTH:  # the parser would take seconds to find out
         raise BadYamlError(TOO_DEEP)
     if MERGE.search(text):
         raise BadYamlError("merge keys (<<) are not read")
@@ -226,7 +226,7 @@ def parse_yaml(text: str) -> Any:
         raise BadYamlError(TOO_DEEP) from None
     except Exception as error:  # dates that are none, numbers of thousands of digits: the parser raises what it likes
         raise BadYamlError(" ".join(str(error).split()) or type(error).__name__) from None
-    _check(content)
+    _check_bounds(content)
     return content
 
 
@@ -249,14 +249,14 @@ def read_mapping(
     return content
 
 
-def opened(text: str) -> int:
+def bracket_depth(text: str) -> int:
     """Largest number of brackets that are open at a time in a YAML text, also within its texts."""
     return max(
         accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0
     )
 
 
-def _check(content: Any) -> None:
+def _check_bounds(content: Any) -> None:
     """Refuse content that exceeds the bounds, which would take long to process; aliases count each time."""
     branches, nodes = [iter([content])], 0
     while branches:
@@ -265,21 +265,21 @@ def _check(content: Any) -> None:
             branches.pop()
             continue
         nodes += 1
-        if nodes > MOST_NODES:
-            raise BadYamlError(f"it has more than {MOST_NODES} nodes")
-        if isinstance(node, int) and node.bit_length() > MOST_BITS:
+        if nodes > MAX_NODES:
+            raise BadYamlError(f"it has more than {MAX_NODES} nodes")
+        if isinstance(node, int) and node.bit_length() > MAX_INTEGER_BITS:
             raise BadYamlError(
-                f"it has a number of {node.bit_length()} bits; at most {MOST_BITS} are allowed"
+                f"it has a number of {node.bit_length()} bits; at most {MAX_INTEGER_BITS} are allowed"
             )
-        if isinstance(node, str) and HALF.search(node):
+        if isinstance(node, str) and SURROGATE.search(node):
             raise BadYamlError("it has half a character, which cannot be written")
         if isinstance(node, (Mapping, list, tuple, set)):
-            if len(branches) > DEEPEST:
+            if len(branches) > MAX_DEPTH:
                 raise BadYamlError(TOO_DEEP)
             branches.append(iter([*node, *node.values()] if isinstance(node, Mapping) else node))
 
 
-def split(rule: str, option: str) -> tuple[str, str]:
+def split_rule(rule: str, option: str) -> tuple[str, str]:
     """Split a rule of an option into its two sides.
 
     Raises:
@@ -304,10 +304,10 @@ def require(extra: str, *libraries: str) -> None:
 
 def not_installed(library: str, extra: str) -> str:
     """Message for a missing library of an extra."""
-    return f"{library} is not installed; {how_to_get(extra)}"
+    return f"{library} is not installed; {install_command(extra)}"
 
 
-def how_to_get(extra: str) -> str:
+def install_command(extra: str) -> str:
     """Command that installs an extra, and the folder in which to run it."""
     source = share_folder()
     if Path(sys.prefix) == source / ".venv":

@@ -23,20 +23,23 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.files import expanded, is_there
+from knee_contact_ros.system.files import expand_user, is_file
 
 PARTIAL = ".partial"
-STAMP = "{stamp}"
+STAMP_PLACEHOLDER = "{stamp}"
 """Placeholder in a path for the time of opening"""
-FIRST = "_0"
+FIRST_FILE = "_0"
 """Suffix of the name of the first file of a recording of rosbag2"""
-MENDS = {".mcap": "knee-contact recover {} OUT.mcap", ".rrd": "rerun rrd merge {} -o OUT.rrd"}
+REPAIR_COMMANDS = {
+    ".mcap": "knee-contact recover {} OUT.mcap",
+    ".rrd": "rerun rrd merge {} -o OUT.rrd",
+}
 """Commands that repair a recording that was cut off, by suffix"""
 LOCK_TRIES, LOCK_PAUSE = 5, 0.01
 """Number of attempts to lock a file, and pause between them [s], as others may briefly hold the lock to check it"""
-NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+CREATE_FLAGS = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to create and open a new file"""
-FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+DISK_FULL_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 """Errors of a full disk, or of a file that became too large for it or for its user"""
 
 
@@ -55,22 +58,24 @@ def later_names(path: Path) -> Iterator[Path]:
 
     `run_1.mcap` follows `run_0.mcap` as well as `run.mcap`.
     """
-    stem = path.stem.removesuffix(FIRST)
+    stem = path.stem.removesuffix(FIRST_FILE)
     names = (path.with_name(f"{stem}_{number}{path.suffix}") for number in itertools.count(1))
     return (name for name in names if not is_taken(name))
 
 
-def all_names(path: Path) -> Iterator[Path]:
+def free_names(path: Path) -> Iterator[Path]:
     """A path, unless it is taken, and the names that follow it; see `later_names`."""
     return itertools.chain([] if is_taken(path) else [path], later_names(path))
 
 
-def stamped(path: str) -> str:
+def expand_stamp(path: str) -> str:
     """Path with the local time in place of `{stamp}`, in the format of rosbag2, and with `~` expanded; or empty."""
-    return path and str(expanded(path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))))
+    return path and str(
+        expand_user(path.replace(STAMP_PLACEHOLDER, time.strftime("%Y_%m_%d-%H_%M_%S")))
+    )
 
 
-def refuse_impossible(path: Path) -> None:
+def check_writable(path: Path) -> None:
     """Refuse an output that cannot be written; checking it leaves no file.
 
     Raises:
@@ -80,32 +85,32 @@ def refuse_impossible(path: Path) -> None:
     from tempfile import TemporaryFile
 
     try:
-        _refuse_folder(path)
+        _check_not_folder(path)
         with suppress(FileNotFoundError):
             partial_name(path).lstat()
         TemporaryFile(dir=next(filter(os.path.lexists, path.absolute().parents))).close()
     except (OSError, ValueError) as error:
-        raise _impossible(path, error) from None
+        raise _not_writable(path, error) from None
 
 
-def _refuse_folder(path: Path) -> None:
+def _check_not_folder(path: Path) -> None:
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
 
 
-def _impossible(path: Path, error: OSError | ValueError) -> UsageError:
+def _not_writable(path: Path, error: OSError | ValueError) -> UsageError:
     """Error for an output that cannot be written; a ValueError means characters that no file name can have."""
     return UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
 
 
-def _unwritten(path: Path, error: OSError) -> UsageError | IncompleteError:
+def _not_written(path: Path, error: OSError) -> UsageError | IncompleteError:
     """Error for an output that could not be written, or not completely, as the disk is full."""
-    return (IncompleteError if error.errno in FULL else UsageError)(
+    return (IncompleteError if error.errno in DISK_FULL_ERRORS else UsageError)(
         f"cannot write {path}: {error.strerror}"
     )
 
 
-def checked_output(path: Path, label: str, *suffixes: str) -> Path:
+def check_output(path: Path, label: str, *suffixes: str) -> Path:
     """Check the path of a future output, and return it. A missing folder is not created, as it may be misspelt.
 
     Raises:
@@ -118,17 +123,17 @@ def checked_output(path: Path, label: str, *suffixes: str) -> Path:
     return path
 
 
-def refuse_input(output: Path, inputs: Iterable[Path]) -> None:
+def check_not_input(output: Path, inputs: Iterable[Path]) -> None:
     """Refuse an output that would replace an input.
 
     Raises:
         UsageError: it would.
     """
-    if is_there(output) and any(is_there(path) and output.samefile(path) for path in inputs):
+    if is_file(output) and any(is_file(path) and output.samefile(path) for path in inputs):
         raise UsageError(f"{output} is the input, which is never changed; choose another name")
 
 
-def refuse_existing(path: Path) -> None:
+def check_name_free(path: Path) -> None:
     """Refuse an output whose name is taken.
 
     Raises:
@@ -140,22 +145,22 @@ def refuse_existing(path: Path) -> None:
     if not os.path.lexists(partial):
         return
     if is_being_written(partial):
-        raise UsageError(being_written(partial))
-    if path.suffix not in MENDS:
+        raise UsageError(being_written_message(partial))
+    if path.suffix not in REPAIR_COMMANDS:
         raise UsageError(
             f"{partial} exists: it was cut off, or is being written; move it away first"
         )
-    raise UsageError(f"{cut_off(partial)}; then move it away, or choose another name")
+    raise UsageError(f"{cut_off_message(partial)}; then move it away, or choose another name")
 
 
-def being_written(partial: Path) -> str:
+def being_written_message(partial: Path) -> str:
     """Message for an unfinished file that is locked."""
     return f"{partial} is being written by another process; choose another name"
 
 
-def cut_off(partial: Path) -> str:
+def cut_off_message(partial: Path) -> str:
     """Message for the unfinished file of a recording that was cut off."""
-    command = MENDS[partial.with_suffix("").suffix].format(shlex.quote(str(partial)))
+    command = REPAIR_COMMANDS[partial.with_suffix("").suffix].format(shlex.quote(str(partial)))
     return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
 
@@ -169,25 +174,25 @@ def claim(path: Path, overwrite: bool = False) -> IO[bytes]:
     """
     partial = partial_name(path)
     if not overwrite:
-        refuse_existing(path)
+        check_name_free(path)
     elif is_being_written(partial):
-        raise UsageError(being_written(partial))
+        raise UsageError(being_written_message(partial))
     try:
-        _refuse_folder(path)
+        _check_not_folder(path)
         if not path.parent.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             for folder in path.absolute().parents:
                 sync_folder(folder)
         if overwrite:
             partial.unlink(missing_ok=True)
-        file = open(partial, "r+b", opener=lambda name, _: os.open(name, NEW, 0o666))  # noqa: SIM115
+        file = open(partial, "r+b", opener=lambda name, _: os.open(name, CREATE_FLAGS, 0o666))  # noqa: SIM115
     except FileExistsError:
-        raise UsageError(being_written(partial)) from None
+        raise UsageError(being_written_message(partial)) from None
     except (OSError, ValueError) as error:
-        raise _impossible(path, error) from None
+        raise _not_writable(path, error) from None
     if not _lock(file):
         file.close()
-        raise UsageError(being_written(partial))
+        raise UsageError(being_written_message(partial))
     return file
 
 
@@ -264,7 +269,7 @@ def write_new(path: Path, data: bytes) -> None:
         OSError: it cannot be written; no file is left then.
     """
     path.unlink(missing_ok=True)
-    with os.fdopen(os.open(path, NEW, 0o666), "wb") as file:
+    with os.fdopen(os.open(path, CREATE_FLAGS, 0o666), "wb") as file:
         try:
             file.write(data)
             file.flush()
@@ -288,7 +293,7 @@ def write_complete(contents: Mapping[Path, bytes]) -> None:
         for path in contents:
             partial_name(path).replace(path)
     except OSError as error:
-        raise _unwritten(path, error) from None
+        raise _not_written(path, error) from None
     finally:
         for path in contents:
             with suppress(OSError):  # its folder may be what cannot be used
@@ -317,7 +322,7 @@ def is_being_written(partial: Path) -> bool:
     return False
 
 
-def leftovers(folder: Path, suffix: str) -> list[Path]:
+def unfinished_files(folder: Path, suffix: str) -> list[Path]:
     """Unfinished recordings in a folder, with the suffix `.mcap` or `.rrd`, that no process writes any more."""
     paths = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
     return [
@@ -344,14 +349,14 @@ def work_folder(output: Path) -> Iterator[Path]:
     try:
         work.mkdir(parents=True)
     except OSError as error:
-        raise _unwritten(output, error) from None
+        raise _not_written(output, error) from None
     try:
         with interrupted_by_sigterm():
             yield work.resolve()
     except OSError as error:
-        if error.errno not in FULL:
+        if error.errno not in DISK_FULL_ERRORS:
             raise
-        raise _unwritten(output, error) from None
+        raise _not_written(output, error) from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
         if made and not any(output.iterdir()):

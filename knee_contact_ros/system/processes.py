@@ -18,24 +18,26 @@ from typing import IO, Any, NamedTuple
 from knee_contact_ros.system.errors import UsageError
 
 Process = subprocess.Popen[bytes]
-PATIENCE = 30.0
+EXIT_PATIENCE = 30.0
 """Usual longest time [s] that a process may take to end"""
-INFORMATION = "[INFO]"
+INFO_MARK = "[INFO]"
 """Mark of ROS log lines that report nothing wrong"""
-LAST_WORDS = 5.0
+EXIT_TIMEOUT = 5.0
 """Longest time [s] that a process may take to end once its socket is closed"""
-ROOM = 1 << 18
+SOCKET_BUFFER = 1 << 18
 """Requested memory [B] of a socket, of which Linux gives what it allows: a process that is busy gets it all the same"""
 RUN_MODULE = (
     "import sys; sys.path[:] = filter(None, sys.path); del sys.argv[0]; "
     "import runpy; runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
 )
 """Replacement for `python -P -m`, which Python 3.10 does not have"""
-OWN_GROUP: dict[str, Any] = (
+OWN_PROCESS_GROUP: dict[str, Any] = (
     {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
 )
 """Arguments of `Popen` for a process group of its own"""
-ENDS_WITH_US = [setpriv, "--pdeathsig", "TERM"] if (setpriv := shutil.which("setpriv")) else []
+DEATH_SIGNAL_PREFIX = (
+    [setpriv, "--pdeathsig", "TERM"] if (setpriv := shutil.which("setpriv")) else []
+)
 """Prefix of a command that then gets SIGTERM when the thread that started it ends, if the command has begun"""
 
 
@@ -58,11 +60,11 @@ class Child(NamedTuple):
             lines = self.log.read_text(
                 encoding="utf-8", errors="replace"
             ).strip().splitlines() or ["it said nothing"]
-            last = next((line for line in reversed(lines) if INFORMATION not in line), lines[-1])
+            last = next((line for line in reversed(lines) if INFO_MARK not in line), lines[-1])
             raise UsageError(f"{self.name} ended with code {self.process.returncode}: {last}")
 
 
-def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> Process:
+def start_process(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> Process:
     """Start a process without input, with its output to `output` (None: to ours); `options` are those of `Popen`.
 
     Raises:
@@ -74,23 +76,23 @@ def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> P
 
 
 @contextmanager
-def kept(
+def running(
     command: Sequence[str], output: IO[bytes], patience: float, **options: Any
 ) -> Iterator[Process]:
-    """Run a process within the `with` block, and always end it, even if we are killed; see `start` and `end`."""
+    """Run a process within the `with` block; always end it, also if this process is killed."""
     process = None
     try:
-        with signals_later():
-            process = start([*ENDS_WITH_US, *command], output, **options)
+        with delay_signals():
+            process = start_process([*DEATH_SIGNAL_PREFIX, *command], output, **options)
         yield process
     finally:
         if process:
-            end(process, patience)
+            end_process(process, patience)
 
 
 @contextmanager
 def child_process(
-    name: str, arguments: Sequence[str], log: Path, patience: float = PATIENCE
+    name: str, arguments: Sequence[str], log: Path, patience: float = EXIT_PATIENCE
 ) -> Iterator[Child]:
     """Run `python` with these arguments and its output in `log`; at the end it gets SIGINT and `patience` [s].
 
@@ -100,7 +102,7 @@ def child_process(
     try:
         with (
             log.open("wb") as output,
-            kept([sys.executable, *arguments], output, patience) as process,
+            running([sys.executable, *arguments], output, patience) as process,
         ):
             child = Child(name, process, log)
             yield child
@@ -113,7 +115,7 @@ def child_process(
 
 
 def python_module(module: str, *arguments: str) -> dict[str, Any]:
-    """Arguments of `start` for a module in a process that imports from the same folders as this one.
+    """Arguments of `start_process` for a module in a process that imports from the same folders as this one.
 
     The working folder is left out, because a file there may have the name of a library.
     """
@@ -122,7 +124,7 @@ def python_module(module: str, *arguments: str) -> dict[str, Any]:
     return {"command": command, "env": os.environ | {"PYTHONPATH": path}}
 
 
-def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
+def start_connected(module: str, *arguments: str) -> tuple[Connection, Process]:
     """Start a module in a process of its own; return our end of a pair of sockets, and the process.
 
     The first argument of its command line is the number of its own end. The process has its own process group, so that
@@ -135,21 +137,23 @@ def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
     """
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM)
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SOCKET_BUFFER)
         options = python_module(module, str(theirs.fileno()), *arguments)
-        process = start(output=None, pass_fds=[theirs.fileno()], **OWN_GROUP, **options)
+        process = start_process(
+            output=None, pass_fds=[theirs.fileno()], **OWN_PROCESS_GROUP, **options
+        )
         return Connection(ours.detach()), process
 
 
-def reap(process: Process) -> int:
+def reap_process(process: Process) -> int:
     """Wait for a process whose connection is closed, and kill it if it does not end; return its exit code."""
     with suppress(subprocess.TimeoutExpired):
-        return process.wait(LAST_WORDS)
+        return process.wait(EXIT_TIMEOUT)
     process.kill()
-    return process.wait(LAST_WORDS)
+    return process.wait(EXIT_TIMEOUT)
 
 
-def end(process: Process, patience: float) -> None:
+def end_process(process: Process, patience: float) -> None:
     """Terminate a process that still runs; kill it after `patience` [s], or if the waiting is interrupted."""
     try:
         with suppress(subprocess.TimeoutExpired):
@@ -161,7 +165,7 @@ def end(process: Process, patience: float) -> None:
 
 
 @contextmanager
-def signals_later() -> Iterator[None]:
+def delay_signals() -> Iterator[None]:
     """Delay SIGINT and SIGTERM until the end of the `with` block, so that they do not interrupt the start of a process.
 
     To be used in the main thread, the only one that handles signals.
@@ -210,7 +214,7 @@ def free_port(address: str = LOCALHOST) -> int:
         return int(probe.getsockname()[1])
 
 
-def refuse_taken(port: int, name: str) -> None:
+def check_port_free(port: int, name: str) -> None:
     """Check that a port can be listened on; `name` is the parameter or option that gave it.
 
     Raises:

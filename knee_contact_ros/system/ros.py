@@ -17,7 +17,7 @@ from knee_contact_ros.system.files import share_folder
 
 
 @contextmanager
-def joining() -> Iterator[None]:
+def one_line_ros_errors() -> Iterator[None]:
     """Turn errors of rclpy within the `with` block, such as missing security files, into one line.
 
     Raises:
@@ -61,37 +61,37 @@ def loopback_environment(environment: Mapping[str, str]) -> dict[str, str]:
     return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
-Quickest: type[Executor] = SingleThreadedExecutor
+FastestExecutor: type[Executor] = SingleThreadedExecutor
 with suppress(ImportError):  # Jazzy before rclpy 7.1.4
     from rclpy.experimental import EventsExecutor
 
-    Quickest = EventsExecutor
+    FastestExecutor = EventsExecutor
 
-NO_EVENTS = (
+NO_EVENTS_EXECUTOR = (
     "this rclpy has no EventsExecutor (Jazzy has it from 7.1.4 on): the single-threaded executor is used, which takes "
     "more time per message"
 )
 
 
-def executor_of(*nodes: Node) -> Executor:
+def make_executor(*nodes: Node) -> Executor:
     """Make the fastest available executor with some nodes; the first node logs if it is not the events executor.
 
     To be used with `spin_once(timeout_sec=...)` in a loop: in `spin`, and without a time-out, the events executor of
     Jazzy's wheels keeps a processor busy and delivers nothing.
     """
-    if Quickest is SingleThreadedExecutor:
-        nodes[0].get_logger().warning(NO_EVENTS)
-    executor = Quickest()
+    if FastestExecutor is SingleThreadedExecutor:
+        nodes[0].get_logger().warning(NO_EVENTS_EXECUTOR)
+    executor = FastestExecutor()
     for node in nodes:
         executor.add_node(node)
     return executor
 
 
-STAND_IN = "ANY_TEXT"
+WILDCARD_STAND_IN = "ANY_TEXT"
 """Replacement for `*` where ROS allows only names"""
 
 
-def resolved(node: Node, topic: str) -> str:
+def resolve_topic(node: Node, topic: str) -> str:
     """Absolute name of a topic of a node; `*` in it stays."""
-    name: str = node.resolve_topic_name(topic.replace("*", STAND_IN))
-    return name.replace(STAND_IN, "*")
+    name: str = node.resolve_topic_name(topic.replace("*", WILDCARD_STAND_IN))
+    return name.replace(WILDCARD_STAND_IN, "*")

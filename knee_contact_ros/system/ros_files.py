@@ -20,20 +20,20 @@ from ruamel.yaml import YAML, events
 
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import (
-    DEEPEST,
-    HALF,
-    LARGEST,
+    MAX_DEPTH,
+    MAX_FILE_SIZE,
+    SURROGATE,
     TOO_DEEP,
-    opened,
+    bracket_depth,
     read_regular,
-    split,
+    split_rule,
 )
 
 Sections = dict[str, dict[str, Any]]
 """Values by dotted name, by the name of a node as it is written, which may have wildcards; in order of appearance"""
-PARAMETERS = "ros__parameters"
-TRUE = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON")
-FALSE = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
+PARAMETERS_KEY = "ros__parameters"
+TRUE_TEXTS = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON")
+FALSE_TEXTS = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
 INTEGER = re.compile(r"[+-]?(?:0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)")
 FLOAT = re.compile(
     r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|(?:inf(?:inity)?|nan)|"
@@ -41,25 +41,25 @@ FLOAT = re.compile(
     re.IGNORECASE,
 )
 SPECIAL = re.compile(r"[+-]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
-LEAST, MOST, LONGEST_INTEGER = -(2**63), 2**63 - 1, 1000
+MIN_INTEGER, MAX_INTEGER, MAX_INTEGER_LENGTH = -(2**63), 2**63 - 1, 1000
 """Range of an integer, and the largest number of its characters"""
-KEPT = (bool, int, float, str, list, type(None))
+RANKED_KINDS = (bool, int, float, str, list, type(None))
 """Kinds of values; if two files give a section's name different kinds, rcl keeps the one that comes first here"""
-TOKEN = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
-TOKENS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
+NAME_PART = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
+WILDCARD_PATTERNS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
 """Regular expressions of wildcards in names of nodes: any number of names, and one"""
 
 
-def scalar(text: str) -> Any:
+def parse_scalar(text: str) -> Any:
     """Value of a scalar without quotes in a parameter file."""
-    if text in TRUE or text in FALSE:
-        return text in TRUE
-    if len(text) <= LONGEST_INTEGER and INTEGER.fullmatch(text):
+    if text in TRUE_TEXTS or text in FALSE_TEXTS:
+        return text in TRUE_TEXTS
+    if len(text) <= MAX_INTEGER_LENGTH and INTEGER.fullmatch(text):
         digits = text.lstrip("+-")
         value = int(
             text, 16 if digits[:2] in ("0x", "0X") else 8 if digits.startswith("0") else 10
         )
-        if LEAST <= value <= MOST:
+        if MIN_INTEGER <= value <= MAX_INTEGER:
             return value
     if SPECIAL.fullmatch(text):
         return float(text.replace(".", ""))
@@ -81,9 +81,9 @@ def _content(event: Any, more: Iterator[Any]) -> Any:
         quoted = event.style in ("'", '"') or str(event.tag).endswith(":str")
         if not quoted and not event.value:
             raise ValueError(f"no value at line {event.start_mark.line + 1}")
-        if HALF.search(event.value):
+        if SURROGATE.search(event.value):
             raise ValueError("it has half a character, which cannot be written")
-        return event.value if quoted else scalar(event.value)
+        return event.value if quoted else parse_scalar(event.value)
     inner = takewhile(lambda each: not isinstance(each, events.CollectionEndEvent), more)
     if isinstance(event, events.SequenceStartEvent):
         return [_content(each, more) for each in inner]
@@ -104,14 +104,14 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
         UsageError: it cannot be read, or is not a parameter file.
     """
     try:
-        text = read_regular(path, LARGEST).decode("utf-8")
+        text = read_regular(path, MAX_FILE_SIZE).decode("utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot read the parameter file: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise UsageError(f"{path}: not a YAML file: {error}") from None
     own: Sections = {}
     try:
-        for content in contents(text):
+        for content in parse_documents(text):
             add_sections(own, content)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from None
@@ -126,14 +126,14 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
     return sections
 
 
-def contents(text: str) -> list[Any]:
+def parse_documents(text: str) -> list[Any]:
     """Contents of the documents of a YAML text.
 
     Raises:
         UsageError: it is not YAML, or nested too deep.
     """
     try:
-        if opened(text) > DEEPEST:
+        if bracket_depth(text) > MAX_DEPTH:
             raise ValueError(TOO_DEEP)
         parsed = iter(YAML(typ="safe", pure=True).parse(text))
         begins = (events.NodeEvent, events.CollectionStartEvent)
@@ -162,17 +162,17 @@ def add_sections(sections: Sections, content: Any) -> None:
 
 def _has_nodes(content: Any) -> bool:
     return isinstance(content, Mapping) and (
-        PARAMETERS in content or any(map(_has_nodes, content.values()))
+        PARAMETERS_KEY in content or any(map(_has_nodes, content.values()))
     )
 
 
 def _add_nodes(sections: Sections, content: Mapping[str, Any], before: str) -> None:
     for name, value in content.items():
         if not isinstance(value, Mapping):
-            where = f"{before or name}: ros__parameters" if name == PARAMETERS else name
+            where = f"{before or name}: ros__parameters" if name == PARAMETERS_KEY else name
             raise UsageError(f"{where} must map names to values, got {str(value)[:80]}")
-        if name == PARAMETERS:
-            if not all(map(TOKEN.fullmatch, before.removeprefix("/").split("/"))):
+        if name == PARAMETERS_KEY:
+            if not all(map(NAME_PART.fullmatch, before.removeprefix("/").split("/"))):
                 raise UsageError(f"{before!r} is not the name of a node")
             _add_values(sections.setdefault(before, {}), value)
         else:
@@ -184,7 +184,7 @@ def _add_nodes(sections: Sections, content: Mapping[str, Any], before: str) -> N
 
 
 def _add_values(values: dict[str, Any], content: Mapping[str, Any]) -> None:
-    for name, value in flat(content):
+    for name, value in flatten(content):
         if name in values:
             raise UsageError(f"{name} is given twice")
         if isinstance(value, list) and len({type(each) for each in value}) > 1:
@@ -192,34 +192,37 @@ def _add_values(values: dict[str, Any], content: Mapping[str, Any]) -> None:
         values[name] = value
 
 
-def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted names and values of a mapping with nested or dotted names; the names begin with `before`."""
     for name, value in values.items():
         if isinstance(value, Mapping):
-            yield from flat(value, f"{before}{name}.")
+            yield from flatten(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
 
 
 def _rank(value: Any) -> int:
-    """Place of a value's kind in `KEPT`."""
-    return KEPT.index(type(value)) if type(value) in KEPT else len(KEPT)
+    """Place of a value's kind in `RANKED_KINDS`."""
+    return RANKED_KINDS.index(type(value)) if type(value) in RANKED_KINDS else len(RANKED_KINDS)
 
 
 def values_for(sections: Sections, node: str) -> dict[str, Any]:
     """Values that a node with this absolute name gets, by dotted name."""
     merged: dict[str, Any] = {}
     for section, values in sections.items():
-        if fits(section, node):
+        if matches_node(section, node):
             merged |= values
     return merged
 
 
-def fits(name: str, node: str) -> bool:
+def matches_node(name: str, node: str) -> bool:
     """Whether the name of a section, which may have wildcards, fits the absolute name of a node."""
     return bool(
         re.fullmatch(
-            "".join(TOKENS.get(token, f"/{token}") for token in name.removeprefix("/").split("/")),
+            "".join(
+                WILDCARD_PATTERNS.get(token, f"/{token}")
+                for token in name.removeprefix("/").split("/")
+            ),
             node,
         )
     )
@@ -233,9 +236,9 @@ def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
     """
     values = {}
     for rule in rules:
-        name, text = split(rule, "-p")
+        name, text = split_rule(rule, "-p")
         try:
-            (value,) = contents(text)
+            (value,) = parse_documents(text)
         except (UsageError, ValueError):
             raise UsageError(f"-p {rule!r}: the value is not YAML; put it in quotes") from None
         values[name] = value

@@ -49,7 +49,7 @@ class Bar:
         self._bar = bar
         self.what = what
         """Current description"""
-        self._task = bar.add_task(shown(what), total=None)
+        self._task = bar.add_task(safe_cell(what), total=None)
         self._next = 0.0 if not bar.disable else math.inf
 
     def __call__(self, done: int, total: int) -> None:
@@ -62,7 +62,7 @@ class Bar:
     def describe(self, what: str) -> None:
         """Change the description of the bar."""
         self.what = what
-        self._bar.update(self._task, description=shown(what))
+        self._bar.update(self._task, description=safe_cell(what))
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def progress(what: str) -> Iterator[Bar]:
 
 
 @contextmanager
-def busy(what: str) -> Iterator[None]:
+def announce(what: str) -> Iterator[None]:
     """Announce slow work on stderr: on a terminal in its bar, if any, or with a clock; else as a line."""
     console, bar = Console(stderr=True), _BAR.get()
     if bar:
@@ -103,7 +103,7 @@ def busy(what: str) -> Iterator[None]:
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         with Progress(*columns, console=console, transient=True) as clock:
             console.show_cursor(True)
-            clock.add_task(shown(what), total=None)
+            clock.add_task(safe_cell(what), total=None)
             yield
     else:
         say(what, err=True)
@@ -143,7 +143,7 @@ def show_table(
     right: Collection[str] = (),
     **look: Any,
 ) -> None:
-    """Print a table; columns with the headings `right` are justified right. Foreign texts in cells must be `shown`."""
+    """Print a table; columns `right` are right-justified. Foreign texts in cells must pass `safe_cell`."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, **look)
     for heading in headings:
         table.add_column(
@@ -155,7 +155,7 @@ def show_table(
 
 
 def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
-    """Print names and values, a row each. Foreign texts in values must be `shown`."""
+    """Print names and values, a row each. Foreign texts in values must pass `safe_cell`."""
     table = Table(
         Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False
     )
@@ -164,6 +164,6 @@ def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
 
 
-def shown(text: str) -> str:
+def safe_cell(text: str) -> str:
     """Safe text for a cell or a bar of Rich, whatever foreign names and texts are in it."""
     return escape(printable(text))

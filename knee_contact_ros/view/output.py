@@ -27,10 +27,10 @@ from knee_contact_ros.system.files import not_installed
 from knee_contact_ros.system.processes import (
     LOCALHOST,
     Process,
+    check_port_free,
     free_port,
-    kept,
-    refuse_taken,
-    start,
+    running,
+    start_process,
 )
 from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, drawings_of
 
@@ -117,11 +117,13 @@ def open_output(
     known = {drawing.knee: drawing for drawing in own}
     among, file, window = list(known), None, None
     if path:
-        output_files.refuse_impossible(path)
-        name = next(output_files.all_names(path))
+        output_files.check_writable(path)
+        name = next(output_files.free_names(path))
         if name != path:
             remarks.append(f"{path} is there already: this Rerun recording is {name}")
-        remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".rrd"))
+        remarks += map(
+            output_files.cut_off_message, output_files.unfinished_files(path.parent, ".rrd")
+        )
         file = RerunFile(name, own, latency=True)
         recording = file.recording
     else:
@@ -214,7 +216,7 @@ def serve(port: int, drawings: Sequence[KneeOutlines], recording_id: str | None)
 
     from knee_contact_ros.view.layout import blueprint
 
-    refuse_taken(port, "parameter rerun.port")
+    check_port_free(port, "parameter rerun.port")
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
     server = rr.GrpcServerSink(bind_ip=LOCALHOST, port=port, server_memory_limit=SERVED_MEMORY)
     recording.set_sinks(server, default_blueprint=blueprint(drawings, latency=True, follow=True))
@@ -312,7 +314,7 @@ class Window:
         refuse_blind("parameter rerun.mode can be serve or file")
         self._address = address
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
-        self._process: Process | None = start(
+        self._process: Process | None = start_process(
             connect_command([address]), self._log, start_new_session=True
         )
 
@@ -391,7 +393,7 @@ def look(command: Sequence[str]) -> None:
         IncompleteError: the viewer failed.
     """
     with tempfile.TemporaryFile() as log:
-        with kept(command, log, END) as process:
+        with running(command, log, END) as process:
             code = process.wait()
         if code:
             raise IncompleteError(f"the Rerun viewer {_ending(code, log)}")

@@ -171,7 +171,7 @@ def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_of
 def test_a_recording_has_no_gaps(
     started: Started, tmp_path: Path, monkeypatch: Any, queue: MayWait, fits: int
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)
+    monkeypatch.setattr("knee_contact_ros.system.processes.EXIT_TIMEOUT", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(900))

@@ -31,8 +31,8 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
-from knee_contact_ros.system.processes import ENDS_WITH_US
-from knee_contact_ros.system.ros import executor_of, private_graph
+from knee_contact_ros.system.processes import DEATH_SIGNAL_PREFIX
+from knee_contact_ros.system.ros import make_executor, private_graph
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.processes import NO_BYTECODE
 from tests.ros.forked import COMMAND, Forked
@@ -102,7 +102,7 @@ class NodeProcess:
         if anew or limited:
             command = ["-c", WITHOUT.format(without)] if without else ["-m", COMMAND]
             self.process = subprocess.Popen(
-                [*ENDS_WITH_US, sys.executable, *command, *words],
+                [*DEATH_SIGNAL_PREFIX, sys.executable, *command, *words],
                 text=True,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -132,7 +132,7 @@ class Peer:
 
     def __init__(self, namespace: str = "", joint_states: str = "joint_states") -> None:
         self.node = Node("peer", namespace=namespace)
-        self.executor = executor_of(self.node)
+        self.executor = make_executor(self.node)
         self.contacts: list[KneeContact] = []
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}

@@ -26,7 +26,7 @@ from knee_contact_ros.model.compiler import kept_files, stamp
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
 from knee_contact_ros.system.processes import free_port
-from knee_contact_ros.system.ros import NO_EVENTS
+from knee_contact_ros.system.ros import NO_EVENTS_EXECUTOR
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import HAS_VIEWER, needs_viewer
@@ -70,7 +70,8 @@ def test_the_node_gives_the_bits_of_the_python_calls_and_opens_no_port_beyond_lo
 
 
 @pytest.mark.parametrize(
-    ("library", "words"), [("numba", "Numba cannot be used"), ("rclpy.experimental", NO_EVENTS)]
+    ("library", "words"),
+    [("numba", "Numba cannot be used"), ("rclpy.experimental", NO_EVENTS_EXECUTOR)],
 )
 def test_where_a_library_is_missing_the_node_says_so_once_and_gives_the_same(
     peer: Peer, start_node: Start, tmp_path: Path, library: str, words: str

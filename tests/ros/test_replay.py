@@ -21,7 +21,7 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.ros import joining
+from knee_contact_ros.system.ros import one_line_ros_errors
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 from tests.helpers.terminals import Terminal
@@ -204,7 +204,7 @@ def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> Non
         pytest.raises(
             UsageError, match=rf"cannot join the ROS graph: Invalid namespace: .*/{namespace}'$"
         ),
-        joining(),
+        one_line_ros_errors(),
     ):
         Node("knee_contact_replay", namespace=namespace)
 

@@ -16,15 +16,15 @@ import pytest
 
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.output_files import (
-    all_names,
+    check_name_free,
+    check_writable,
     claim,
     claim_first,
+    expand_stamp,
+    free_names,
     is_being_written,
-    leftovers,
-    refuse_existing,
-    refuse_impossible,
-    stamped,
     take_name,
+    unfinished_files,
     work_folder,
     write_complete,
 )
@@ -47,15 +47,15 @@ def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> 
         assert writer.stdout
         assert writer.stdout.readline() == "open\n"
         assert is_being_written(partial)
-        assert leftovers(tmp_path, ".mcap") == []
+        assert unfinished_files(tmp_path, ".mcap") == []
         with pytest.raises(UsageError, match="is being written by another process"):
-            refuse_existing(path)
+            check_name_free(path)
         os.kill(writer.pid, signal.SIGKILL)
         writer.wait()
     assert not is_being_written(partial)
-    assert leftovers(tmp_path, ".mcap") == [partial]
+    assert unfinished_files(tmp_path, ".mcap") == [partial]
     with pytest.raises(UsageError, match="was cut off"):
-        refuse_existing(path)
+        check_name_free(path)
 
 
 PLANTED: dict[str, Callable[[Path], None]] = {
@@ -71,10 +71,10 @@ def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place:
     path, victim = tmp_path / "out.mcap", tmp_path / "victim"
     victim.write_text("another's")
     PLANTED[what](tmp_path / place)
-    assert leftovers(tmp_path, ".mcap") == []
+    assert unfinished_files(tmp_path, ".mcap") == []
     with pytest.raises(UsageError):
         claim(path)
-    assert claim_first(all_names(path))[0].name == "out_1.mcap"
+    assert claim_first(free_names(path))[0].name == "out_1.mcap"
     with claim(path, overwrite=True) as file:
         file.write(b"ours")
         with pytest.raises(UsageError, match="is being written"):
@@ -124,10 +124,10 @@ def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: 
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(UsageError, match=re.escape(IMPOSSIBLE[name])):
-        refuse_impossible(tmp_path / name)
+        check_writable(tmp_path / name)
     with pytest.raises(UsageError):
         claim(tmp_path / name, overwrite=True)
-    refuse_impossible(tmp_path / "new" / "deep" / "out.mcap")
+    check_writable(tmp_path / "new" / "deep" / "out.mcap")
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -156,7 +156,7 @@ def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
     for mode in (0o500, 0o600):
         tmp_path.chmod(mode)
         with pytest.raises(UsageError, match="Permission denied"):
-            refuse_impossible(tmp_path / "new" / "out.mcap")
+            check_writable(tmp_path / "new" / "out.mcap")
     tmp_path.chmod(0o700)
 
 
@@ -164,5 +164,5 @@ def test_a_home_folder_and_the_time_are_put_in_their_places(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("HOME", "/home/anna")
-    assert re.fullmatch(r"/home/anna/runs/[\d_-]{19}\.mcap", stamped("~/runs/{stamp}.mcap"))
-    assert stamped("") == ""
+    assert re.fullmatch(r"/home/anna/runs/[\d_-]{19}\.mcap", expand_stamp("~/runs/{stamp}.mcap"))
+    assert expand_stamp("") == ""

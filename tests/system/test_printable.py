@@ -12,7 +12,7 @@ from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.commands.tables import show_recovery, show_summary
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.streams.messages import RefusedSampleError
-from knee_contact_ros.system.errors import UsageError, listed, printable
+from knee_contact_ros.system.errors import UsageError, list_names, printable
 from knee_contact_ros.system.terminal import say, warn
 from tests.helpers.terminals import Terminal
 
@@ -26,9 +26,9 @@ def test_what_does_not_print_is_spelled() -> None:
 
 
 def test_lists_are_cut() -> None:
-    assert listed([EVIL, "b"]) == f"{SHOWN}, b"
-    assert listed([str(number) for number in range(30)]).endswith("18, 19 and 10 more")
-    assert listed(["a" * 101]) == f"{'a' * 100}..."
+    assert list_names([EVIL, "b"]) == f"{SHOWN}, b"
+    assert list_names([str(number) for number in range(30)]).endswith("18, 19 and 10 more")
+    assert list_names(["a" * 101]) == f"{'a' * 100}..."
 
 
 def test_errors_are_printable_lines() -> None:

@@ -36,15 +36,15 @@ from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, split
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, split_rule
 from knee_contact_ros.system.output_files import (
     PARTIAL,
-    refuse_existing,
-    refuse_impossible,
-    refuse_input,
+    check_name_free,
+    check_not_input,
+    check_writable,
     write_complete,
 )
-from knee_contact_ros.system.terminal import progress, say, show_table, shown, warn
+from knee_contact_ros.system.terminal import progress, safe_cell, say, show_table, warn
 
 UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
@@ -227,7 +227,7 @@ def bags_in(data: Any) -> list[Path]:
         UsageError: there are several names, and one is not a bag's.
     """
     several = list(data) if isinstance(data, list | tuple) else [data]
-    names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
+    names = [Path(expand_user(str(each))) for each in several if isinstance(each, str | PathLike)]
     bags = [
         name
         for name in names
@@ -267,7 +267,7 @@ def _problem(
     knee = load_parameters(sources)
     data = data[0] if isinstance(data, list | tuple) and len(data) == 1 else data
     if isinstance(data, str | PathLike):
-        measured = problems.read_measured(Path(expanded(str(data))), knee.drive)
+        measured = problems.read_measured(Path(expand_user(str(data))), knee.drive)
     else:
         measured = problems.measured_from(data, knee.drive)
     unknowns = unknowns_of(free, problems.fittable(), knee, measured.source)
@@ -300,17 +300,17 @@ def run_calibrate(
     Raises:
         UsageError: data, parameters, an option or the output cannot be used. Nothing is written then.
     """
-    refuse_impossible(output)
-    refuse_input(output, [*params, *(file for each in data for file in files_of(each))])
+    check_writable(output)
+    check_not_input(output, [*params, *(file for each in data for file in files_of(each))])
     if not overwrite:
-        refuse_existing(output)
+        check_name_free(output)
     in_words_of_options: Any = inspect.unwrap(calibrate)
     calibration: Calibration = in_words_of_options(
         list(data),
         list(params),
         values=values,
         sigma=dict(map(_deviation, sigma)),
-        remap=dict(split(rule, "--remap") for rule in remaps),
+        remap=dict(split_rule(rule, "--remap") for rule in remaps),
         **options,
     )
     write_complete({output: parameter_file(calibration, data, params, values).encode()})
@@ -359,7 +359,7 @@ def _show(found: Calibration) -> None:
     rows = []
     for name, start, _, _, unit, _ in found.unknowns:
         interval = str(found.intervals.get(name, "-"))
-        with_unit = f"{name}\n  {shown(f'[{unit}]')}" if unit else name
+        with_unit = f"{name}\n  {safe_cell(f'[{unit}]')}" if unit else name
         rows.append((with_unit, f"{start:.6g}", f"{found.values[name]:.6g}", interval))
     headings = ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval")
     show_table(headings, rows, right=headings[1:3])

@@ -37,7 +37,7 @@ from scipy.stats import chi2, f, qmc
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import all_values, known_parameters
 from knee_contact_ros.parameters.schema import Declaration, NodeSection
-from knee_contact_ros.system.errors import UsageError, meant
+from knee_contact_ros.system.errors import UsageError, suggest
 
 Free = Mapping[str, Sequence[float] | None] | Iterable[str]
 """Names of parameters, or a mapping of names to the ends of narrower ranges"""
@@ -162,7 +162,7 @@ def unknowns_of(
             raise UsageError(f"--free {name}: it is given twice")
         if name not in names:
             what = f"--free {name or repr(name)}: it is not a parameter that can be fitted to {source}"
-            raise UsageError(f"{what}; {meant(name, names)}")
+            raise UsageError(f"{what}; {suggest(name, names)}")
         found[name] = _unknown(name, ends, known[name], float(values[name]))
     if not found:
         raise UsageError(f"calibrate: no parameter is free; name one, such as --free {names[0]}")

@@ -47,7 +47,7 @@ from knee_contact_ros.streams.topics import (
     MESSAGE_TYPES,
     NANOSECONDS,
 )
-from knee_contact_ros.system.errors import UsageError, in_a_line, meant
+from knee_contact_ros.system.errors import UsageError, join_faults, suggest
 
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = (
     "time",
@@ -175,7 +175,7 @@ def _column(table: Any, name: Any, source: str) -> Floats:
     """Copy a column as numbers."""
     if str(name) not in COLUMNS:
         raise UsageError(
-            f"{source}: column {name or repr(name)} is not known; {meant(str(name), COLUMNS)}"
+            f"{source}: column {name or repr(name)} is not known; {suggest(str(name), COLUMNS)}"
         )
     try:
         column = np.array(table[name], dtype=np.float64)
@@ -410,7 +410,7 @@ def referenced(
         doubts += [*_own_estimate(bag, topic), *others_beside(bag)]
         if summary.damage:
             doubts.append(
-                f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"
+                f"bag {bag} is damaged, and read as far as it can be: {join_faults(summary.damage)}"
             )
         columns.append(column)
         counts.append((bag.name, len(column)))

@@ -39,7 +39,7 @@ from knee_contact_ros.lab.opensim.run import (
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.errors import UsageError, list_names
 from knee_contact_ros.system.files import require
 
 GROUND = {"ground", "/ground", *NOTHING}
@@ -132,7 +132,7 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
             raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
         forces.append(_complete(force, table))
     if not forces:
-        named = listed(list(dict.fromkeys(filter(None, bodies))))
+        named = list_names(list(dict.fromkeys(filter(None, bodies))))
         raise UsageError(
             f"{ground} applies no force to the {side} foot; its forces act on {named or 'nothing'}"
         )
@@ -146,7 +146,7 @@ def _complete(force: FootForce, table: Table) -> FootForce:
     ]
     if missing:
         raise UsageError(
-            f"{table.path} has no column {', '.join(missing)}; it has {listed(table.names)}"
+            f"{table.path} has no column {', '.join(missing)}; it has {list_names(table.names)}"
         )
     return force
 
@@ -170,14 +170,14 @@ def _by_names(table: Table, side: str) -> FootForce:
     stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
     if not stems:
         raise UsageError(
-            f"{table.path} has no ground force, as ground_force_vx, but {listed(table.names)}"
+            f"{table.path} has no ground force, as ground_force_vx, but {list_names(table.names)}"
         )
     fitting = [stem for stem in stems if words(stem) & SIDE_WORDS[side]]
     if set(stems) == set(EXAMPLES):
         fitting = [stem for stem in stems if EXAMPLES[stem] == side]
     if len(fitting) != 1:
         raise UsageError(
-            f"{table.path}: which of {listed([f'{stem}vx' for stem in stems])} is of the {side} foot? "
+            f"{table.path}: which of {list_names([f'{stem}vx' for stem in stems])} is of the {side} foot? "
             "Give the external loads file (.xml) in its place"
         )
     stem = fitting[0]
@@ -383,8 +383,8 @@ def tibia_in(
         )
     if found.unknown:
         raise UsageError(
-            f"{kinematics.path} has no coordinate {listed(found.unknown)} of {model.name}, by which {found.names[0]} "
-            f"moves in {found.names[1]}, in which the reaction is expressed"
+            f"{kinematics.path} has no coordinate {list_names(found.unknown)} of {model.name}, by which "
+            f"{found.names[0]} moves in {found.names[1]}, in which the reaction is expressed"
         )
     (ours, theirs, _), (origin, other, centre) = (np.moveaxis(each, 1, 0) for each in found[1:3])
     rotation = np.einsum("nji,njk->nik", ours, theirs)  # from their frame to the tibia's

@@ -20,7 +20,7 @@ from knee_contact_ros.lab.gait_bag import MIRROR, Signal
 from knee_contact_ros.lab.opensim.run import read_xml
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.errors import UsageError, list_names
 
 RIGHT, LEFT = "right", "left"
 SIDE_WORDS = {RIGHT: {"r", "right"}, LEFT: {"l", "left"}}
@@ -150,12 +150,12 @@ def angle_column(table: Table, side: str, coordinate: str | None) -> str:
         )
         if not fitting:
             raise UsageError(
-                f"{table.path} has no column {coordinate} (--coordinate); it has {listed(names)}"
+                f"{table.path} has no column {coordinate} (--coordinate); it has {list_names(names)}"
             )
     else:
         fitting = [name for name in names if is_knee_angle(coordinate_of(name) or "", side)]
     if len(fitting) != 1:
-        found = ", ".join(fitting) or f"no angle of the {side} knee, but {listed(names)}"
+        found = ", ".join(fitting) or f"no angle of the {side} knee, but {list_names(names)}"
         raise UsageError(f"{table.path} has {found}; choose one with --coordinate NAME")
     return fitting[0]
 
@@ -210,11 +210,13 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
     )
     if not there:
         raise UsageError(
-            f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ...; it has {listed(table.names)}"
+            f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ...; it has {list_names(table.names)}"
         )
     joints = list(dict.fromkeys(reaction.joint for reaction in there))
     if joint is not None and joint not in joints:
-        raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {listed(joints)}")
+        raise UsageError(
+            f"{table.path} has no joint {joint} (--joint); it has {list_names(joints)}"
+        )
     usable: dict[str, Reaction] = {}
     for each in sorted(there, key=lambda each: each.rank):
         if is_part(each.body, (*TIBIA, *FEMUR)) or (
@@ -239,7 +241,7 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
     found = [joint] if joint in usable else next((each for each in ways if len(each) == 1), pair)
     if not found or joint not in {None, *found}:
         raise UsageError(
-            f"{table.path}: of {joint or listed(joints)} none acts on the tibia of the {side} knee, or several do; "
+            f"{table.path}: of {joint or list_names(joints)} none acts on the tibia of the {side} knee, or several do; "
             f"name one that does with --joint NAME, or run JointReaction again, {HOW}"
         )
     if missing := [

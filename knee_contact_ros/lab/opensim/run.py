@@ -29,7 +29,7 @@ from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
-from knee_contact_ros.system.processes import kept, python_module
+from knee_contact_ros.system.processes import python_module, running
 from knee_contact_ros.system.terminal import Bar
 
 XML = ".xml"
@@ -458,7 +458,7 @@ def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -
     command = python_module(module, *arguments)
     with (
         log.open("wb") as output,
-        kept(output=output, patience=PATIENCE, cwd=folder, **command) as process,
+        running(output=output, patience=PATIENCE, cwd=folder, **command) as process,
     ):
         return process.wait()
 

@@ -29,7 +29,7 @@ from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
+from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
 from knee_contact_ros.view.picture import GRAPHS, drawn
 
 LABEL = 11
@@ -85,9 +85,9 @@ def run_fit_profile(
     require("mesh", "pyvista", "trimesh", "nibabel", "matplotlib")
     outputs = [output.with_suffix(suffix) for suffix in (".csv", ".png", ".yaml")]
     for path in outputs:
-        refuse_input(path, filter(None, (mesh, bone)))
+        check_not_input(path, filter(None, (mesh, bone)))
         if not overwrite:
-            refuse_existing(path)
+            check_name_free(path)
     surface = read_surface(mesh, unit, axes, label)
     under = read_surface(bone, unit, axes, bone_label) if bone else None
     z = _place(slice, surface, femur, medial)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.lab.checks import outside, refuse
 from knee_contact_ros.model.types import Floats, Integers
-from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.errors import UsageError, list_names
 from knee_contact_ros.system.files import open_regular
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -293,7 +293,7 @@ def _around_label(path: Path, label: int | None, axes: str | None) -> tuple[Floa
 
     values, affine, lacks = _label_map(path)
     labels = [float(value) for value in np.unique(values) if value != 0]
-    shown = listed([f"{value:g}" for value in labels]) or "(none but 0)"
+    shown = list_names([f"{value:g}" for value in labels]) or "(none but 0)"
     wanted = labels[0] if label is None and len(labels) == 1 else label
     if wanted not in labels:
         given = "" if label is None else f"--label {label}: "

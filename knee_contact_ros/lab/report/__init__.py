@@ -19,8 +19,8 @@ from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.types import MM, ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
-from knee_contact_ros.system.errors import IncompleteError, UsageError, in_a_line
-from knee_contact_ros.system.files import how_to_get
+from knee_contact_ros.system.errors import IncompleteError, UsageError, join_faults
+from knee_contact_ros.system.files import install_command
 from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import progress, warn
 
@@ -99,7 +99,7 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
     import matplotlib as mpl
 
     if mpl.__version_info__[:2] < OLDEST:
-        raise UsageError(f"matplotlib {mpl.__version__} is too old; {how_to_get(EXTRA)}")
+        raise UsageError(f"matplotlib {mpl.__version__} is too old; {install_command(EXTRA)}")
     if options.labels and len(options.labels) != len(options.files):
         raise UsageError(
             f"--label: {len(options.labels)} given for {len(options.files)} FILEs; give one each, or none"
@@ -118,7 +118,7 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
     damage = [sentence for run in found if run.beside is None for sentence in run.damage]
     if damage:
         raise IncompleteError(
-            f"{output / PAGE} shows what can be read of a damaged bag: {in_a_line(damage)}"
+            f"{output / PAGE} shows what can be read of a damaged bag: {join_faults(damage)}"
         )
     kept = sorted({f"{run.name} keeps {', '.join(run.kept)}" for run in found if run.kept})
     warn(f"--compare: {line}" for line in kept)

@@ -60,7 +60,7 @@ from knee_contact_ros.streams.topics import (
 )
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import parameter_file, refuse_twice
+from knee_contact_ros.system.files import check_distinct, parameter_file
 from knee_contact_ros.system.terminal import Bar
 
 Source = Path | dict[str, Any]
@@ -341,7 +341,7 @@ def overlay(paths: Sequence[Path]) -> dict[str, Any]:
         UsageError: a file cannot be used, is given twice, or sets no parameter of the contact law.
     """
     everything: dict[str, Any] = {}
-    refuse_twice(list(map(parameter_file, map(str, paths))), "--compare ")
+    check_distinct(list(map(parameter_file, map(str, paths))), "--compare ")
     for path in paths:
         values = files.values_set_in(path)
         if not any(name.startswith(SECTION) for name in values):
