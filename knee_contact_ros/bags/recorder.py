@@ -630,7 +630,7 @@ def refuse(path: Path, min_free: float, size: float = 0.0) -> None:
     Beside the file's size [B], if it is known, `min_free` [B] must be free.
 
     Raises:
-        UsageError: The path cannot be written (see `refuse_impossible`), or the disk is nearly full.
+        UsageError: The path cannot be written (see `check_writable`), or the disk is nearly full.
     """
     output_files.check_writable(path)
     folder = next(folder for folder in path.absolute().parents if folder.exists())
