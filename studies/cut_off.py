@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 
 from benchmarks.latency.driver import CHECK, PARAMETERS, Driver, joined
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.parameters.schema import Record
+from knee_contact_ros.parameters.schema import RecordSection
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.output_files import partial_name
@@ -56,11 +56,11 @@ WHERE_IT_BREAKS_OFF = (McapError, struct.error)
 """Errors that mcap's reader raises where a file breaks off"""
 HEADER = ("killed", "kills", "median [ms]", "99 % [ms]", "max [ms]", "holes", "files afterwards")
 TEXT = (
-    f"The real node at 1 kHz (`healthy.yaml`, `record.flush_period` {Record().flush_period:g} s) in a ROS graph of its "
-    f"own. At a random moment between {EARLIEST} and {LATEST} s after the first sample a process gets SIGKILL: the "
-    "node, the recorder, or both one right after the other. The recording goes on in a new file every second. A peer "
-    "notes every answer and when it came. Of the answers that it had received before the kill, those are missing that "
-    "mcap's `NonSeekingReader` does not find in the files; they are the last ones, and their number is that of "
+    f"The real node at 1 kHz (`healthy.yaml`, `record.flush_period` {RecordSection().flush_period:g} s) in a ROS graph "
+    f"of its own. At a random moment between {EARLIEST} and {LATEST} s after the first sample a process gets SIGKILL: "
+    "the node, the recorder, or both one right after the other. The recording goes on in a new file every second. A "
+    "peer notes every answer and when it came. Of the answers that it had received before the kill, those are missing "
+    "that mcap's `NonSeekingReader` does not find in the files; they are the last ones, and their number is that of "
     "milliseconds. Holes are answers that are missing before one that is there. The measuring process runs on the same "
     "two cores as the node. In the last row, busy processes (`while True: pass`, at the node's priority) run beside "
     f"all that, and the moment lies between {EARLIEST} and {LATEST_BESIDE_BUSY:g} s."

@@ -32,7 +32,7 @@ from sensor_msgs.msg import JointState
 from benchmarks.gait import gait
 from benchmarks.latency import bare
 from knee_contact_ros.commands.demo import node_process
-from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.parameters.schema import KneeSection, LoadSection
 from knee_contact_ros.streams import messages as cdr
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
@@ -74,14 +74,14 @@ def samples(rate: float, first: int) -> Iterator[Sample]:
 def rests(rate: float) -> list[tuple[bytes, bytes]]:
     """Both messages without their beginnings, for one way forth and back at `rate` [Hz]."""
     time, angle, load = gait("right")
-    velocity, axial = np.gradient(angle, time), -load / Load().share
+    velocity, axial = np.gradient(angle, time), -load / LoadSection().share
     length = float(time[-1] - time[0])
     passed = np.arange(round(2.0 * length * rate)) / rate
     at = time[0] + np.minimum(passed, 2.0 * length - passed)
     messages = []
     columns = [np.interp(at, time, each).tolist() for each in (angle, velocity, axial)]
     for position, speed, force in zip(*columns, strict=True):
-        state = cdr.JointState(0, "", (Knee().joint_name,), (position,), (speed,), ())
+        state = cdr.JointState(0, "", (KneeSection().joint_name,), (position,), (speed,), ())
         wrench = cdr.WrenchStamped(0, "tibia_r", (0.0, force, 0.0), (0.0, 0.0, 0.0))
         both = cdr.encode_joint_state(state), cdr.encode_wrench_stamped(wrench)
         messages.append((both[0][_START.size :], both[1][_START.size :]))

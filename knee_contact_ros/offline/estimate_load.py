@@ -23,7 +23,7 @@ from knee_contact_ros.offline.solve import (
     recorded,
     recording_of,
 )
-from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
+from knee_contact_ros.parameters.schema import LoadParameters, PersonSection
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
@@ -129,7 +129,7 @@ def estimate_load(
         with recording_of(
             bag, output, overwrite, LOAD_RECORDED, parameters, told_as=LOAD_PROVENANCE
         ) as recorder:
-            if recorder and (weight_of(bag) or parameters.person != PersonParameters()):
+            if recorder and (weight_of(bag) or parameters.person != PersonSection()):
                 weight = f"{parameters.person.constants.weight:.7g} N"
                 recorder.note(
                     ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight}

@@ -26,7 +26,7 @@ from knee_contact_ros.parameters.files import (
     curve_texts,
     read_share_table,
 )
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters, constants_of
+from knee_contact_ros.parameters.schema import ContactSection, Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
 
 
@@ -74,7 +74,7 @@ def _numbers(parameters: Parameters) -> dict[str, Any]:
     }
 
 
-def contact_law(contact: ContactParameters) -> ContactLaw:
+def contact_law(contact: ContactSection) -> ContactLaw:
     """Contact law by its name, with the parameters that are the arguments of its factory.
 
     Raises:
@@ -93,7 +93,7 @@ def contact_law(contact: ContactParameters) -> ContactLaw:
     return law
 
 
-def material_stiffness(contact: ContactParameters) -> dict[str, float]:
+def material_stiffness(contact: ContactSection) -> dict[str, float]:
     """Hertz stiffness of both layers [N/m^1.5], by parameter, from modulus, Poisson's ratio and radii."""
     radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
     return {
@@ -102,7 +102,7 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
     }
 
 
-def contact_patch(contact: ContactParameters, law: ContactLaw) -> ContactPatch | None:
+def contact_patch(contact: ContactSection, law: ContactLaw) -> ContactPatch | None:
     """Contact patch from the radii and the cartilage's thickness; None if the radii do not fit each other.
 
     The thickness is that of the law's first layer; for a law with one layer it is `contact.foundation_thickness`.

@@ -165,7 +165,7 @@ class NodeSection(Section):
     def inputs(self) -> tuple[Source, Source]:
         """Sources of the angles and of the forces."""
         forces, _, name = self.force_source.partition(".")
-        knee: Knee = self.knee  # type: ignore[attr-defined]
+        knee: KneeSection = self.knee  # type: ignore[attr-defined]
         texts = knee.source, getattr(getattr(self, forces), name)
         return source_of(texts[0], JOINT_STATE), source_of(texts[1], WRENCH_STAMPED)
 
@@ -183,7 +183,7 @@ ForceSource = Annotated[str, Rule(lambda text: source_of(text, WRENCH_STAMPED) a
 ANGLES = "topic of the angles, of type JointState or dynamic_joint_states; for another type, one field for each joint"
 
 
-class Pairing(Section):
+class PairingSection(Section):
     """Pairing of angle and force samples by their stamps."""
 
     wait: float = Field(0.1, ge=0.0, le=10.0)
@@ -196,7 +196,7 @@ class Pairing(Section):
     """largest number of samples of one stream that wait for the other"""
 
 
-class Diagnostics(Section):
+class DiagnosticsSection(Section):
     """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
 
     angle_warn_rate: float = Field(0.0, ge=0.0, le=1e5)
@@ -211,7 +211,7 @@ class Diagnostics(Section):
     """[s] an input is stale after this time without a message"""
 
 
-class ContactDiagnostics(Diagnostics):
+class ContactDiagnosticsSection(DiagnosticsSection):
     """Diagnostics of the contact node, which also reports the uncertainty of force and depth due to the load."""
 
     load_deviation: float = Field(0.0, ge=0.0, le=10.0)
@@ -221,7 +221,7 @@ class ContactDiagnostics(Diagnostics):
 # A section of an output names the module that describes it: see `streams/output.py`.
 
 
-class Record(Section):
+class RecordSection(Section):
     """Recording to MCAP."""
 
     output: ClassVar[str] = "knee_contact_ros.bags.recorder"
@@ -267,7 +267,7 @@ def _instead_of_first_order() -> str:
     return "dynamic"
 
 
-class Knee(Section):
+class KneeSection(Section):
     """Knee joint in the joint states; the flexion angle is flexion_sign x position + flexion_offset."""
 
     joint_name: str = Field("knee", min_length=1)
@@ -281,7 +281,7 @@ class Knee(Section):
     source: AngleSource = Field("joint_states", description=ANGLES)
 
 
-class Load(Section):
+class LoadSection(Section):
     """Part of the axial joint reaction that loads the compartment."""
 
     source: ForceSource = "joint_reaction_force"
@@ -304,14 +304,14 @@ class Load(Section):
         return self.split if self.compartment == BOTH else self.compartment
 
 
-class Frame(Section):
+class FrameSection(Section):
     """Frame of the messages."""
 
     tibia: FrameName = ""
     """turn forces into this tibia frame (x anterior, y superior, z right); empty: do not turn them"""
 
 
-class Femur(Section):
+class FemurSection(Section):
     """Mass and contact surface of the femur."""
 
     mass: float = Field(9.3014, ge=1e-4, le=1e3)
@@ -326,7 +326,7 @@ class Femur(Section):
     """factor for the size of the profile"""
 
 
-class Tibia(Section):
+class TibiaSection(Section):
     """Contact surface of the tibia, the plateau."""
 
     geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = "plane"
@@ -341,7 +341,7 @@ class Tibia(Section):
     """factor for the size of the profile"""
 
 
-class Translation(Section):
+class TranslationSection(Section):
     """Anterior-posterior translation of the femur."""
 
     mechanism: Annotated[str, one_of(*MECHANISMS)] = "hinge"
@@ -350,7 +350,7 @@ class Translation(Section):
     """CSV file with flexion_angle [rad] and x [m] of the femoral reference point"""
 
 
-class CommonContactParameters(Section):
+class CommonContactSection(Section):
     """Contact law, and the constants that several laws use or that other parameters depend on.
 
     Further arguments of a law's factory are parameters, too; see `with_constants_of_laws`.
@@ -407,7 +407,7 @@ def _arguments(factory: Callable[..., Any]) -> tuple[str, ...]:
 
 def with_constants_of_laws(
     laws: Mapping[str, Callable[..., Any]],
-) -> type[CommonContactParameters]:
+) -> type[CommonContactSection]:
     """Section with the common parameters and the further arguments of these laws' factories.
 
     Each of those has a default and a `Range` in the signature.
@@ -416,7 +416,7 @@ def with_constants_of_laws(
     for factory in laws.values():
         types = get_type_hints(factory, include_extras=True)
         for name, argument in inspect.signature(factory).parameters.items():
-            if name not in CommonContactParameters.model_fields:
+            if name not in CommonContactSection.model_fields:
                 (limits,) = types[name].__metadata__
                 field = Field(
                     argument.default, description=limits.meaning, ge=limits.least, le=limits.most
@@ -424,25 +424,25 @@ def with_constants_of_laws(
                 more[name] = (types[name].__origin__, field)
     # The module, so that it can be pickled.
     return create_model(
-        "ContactParameters", __base__=CommonContactParameters, __module__=__name__, **more
+        "ContactSection", __base__=CommonContactSection, __module__=__name__, **more
     )
 
 
 if TYPE_CHECKING:
-    ContactParameters = CommonContactParameters
+    ContactSection = CommonContactSection
 else:
-    ContactParameters = with_constants_of_laws(CONTACT_LAWS)
+    ContactSection = with_constants_of_laws(CONTACT_LAWS)
 
 
-class Lateral(Section):
+class LateralSection(Section):
     """Lateral compartment, if both are modelled. Values that you do not set equal those of the medial one."""
 
-    femur: Femur = Femur()
-    tibia: Tibia = Tibia()
-    contact: ContactParameters = ContactParameters()
+    femur: FemurSection = FemurSection()
+    tibia: TibiaSection = TibiaSection()
+    contact: ContactSection = ContactSection()
 
 
-class FidelityParameters(Section):
+class FidelitySection(Section):
     """Level, accuracy and largest cost of the solution."""
 
     level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = "auto"
@@ -458,7 +458,7 @@ class FidelityParameters(Section):
     flag, and so do later ticks until the contact has settled; 0: 100000"""
 
 
-class Rerun(Section):
+class RerunSection(Section):
     """Viewer: the scene in Rerun."""
 
     output: ClassVar[str] = "knee_contact_ros.view.output"
@@ -483,27 +483,27 @@ class Parameters(NodeSection):
     node = "knee_contact"
     force_source, usual_forces = "load.source", "joint_reaction_force"
 
-    knee: Knee = Knee()
-    load: Load = Load()
-    frame: Frame = Frame()
-    pairing: Pairing = Pairing()
+    knee: KneeSection = KneeSection()
+    load: LoadSection = LoadSection()
+    frame: FrameSection = FrameSection()
+    pairing: PairingSection = PairingSection()
     drive: Annotated[str, one_of("force", "displacement")] = "force"
     """force: the load is prescribed (Eq. 13); displacement: the femoral height is prescribed"""
-    femur: Femur = Femur()
-    tibia: Tibia = Tibia()
-    translation: Translation = Translation()
-    contact: ContactParameters = ContactParameters()
-    lateral: Lateral = Lateral()
-    fidelity: FidelityParameters = FidelityParameters()
+    femur: FemurSection = FemurSection()
+    tibia: TibiaSection = TibiaSection()
+    translation: TranslationSection = TranslationSection()
+    contact: ContactSection = ContactSection()
+    lateral: LateralSection = LateralSection()
+    fidelity: FidelitySection = FidelitySection()
     body_weight: float = Field(737.068, gt=0.0, le=1e5)
     """[N] body weight, for forces in BW"""
     autostart: bool = True
     """true: the node configures and activates itself"""
     deadline: float = Field(0.02, gt=0.0, le=3600.0)
     """[s] longest time from a force to its answer; the node counts later answers"""
-    diagnostics: ContactDiagnostics = ContactDiagnostics()
-    record: Record = Record()
-    rerun: Rerun = Rerun()
+    diagnostics: ContactDiagnosticsSection = ContactDiagnosticsSection()
+    record: RecordSection = RecordSection()
+    rerun: RerunSection = RerunSection()
 
     @model_validator(mode="before")
     @classmethod
@@ -512,7 +512,7 @@ class Parameters(NodeSection):
         own = dict(values.get("lateral", {}))
         both = {
             name: {**dict(values.get(name, {})), **dict(own.get(name, {}))}
-            for name in Lateral.model_fields
+            for name in LateralSection.model_fields
         }
         return {**values, "lateral": both}
 
@@ -657,7 +657,7 @@ class LoadFrames(Section):
     """frame_id of the joint reaction force: x anterior, y superior, z right"""
 
 
-class PersonParameters(Section):
+class PersonSection(Section):
     """The person. Muscles are not measured; `knee-contact calibrate` fits their constants to a bag."""
 
     mass: float = Field(75.16, ge=10.0, le=400.0)
@@ -695,7 +695,7 @@ class LoadParameters(NodeSection):
     hip: MeasuredJoint = MeasuredJoint()
     ground: GroundForce = GroundForce()
     frame: LoadFrames = LoadFrames()
-    person: PersonParameters = PersonParameters()
+    person: PersonSection = PersonSection()
     calibrated: bool = False
     """true: the constants were fitted to a measured knee of this person"""
     standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = (
@@ -706,13 +706,13 @@ class LoadParameters(NodeSection):
         0.05, ge=0.0, le=1.0
     )
     """[s] window for the accelerations of the joints, which delays them by half of it; 0: no inertia"""
-    pairing: Pairing = Pairing()
+    pairing: PairingSection = PairingSection()
     autostart: bool = True
     """true: the node configures and activates itself"""
     deadline: float = Field(0.02, gt=0.0, le=3600.0)
     """[s] longest time from a ground force to its estimate; the node counts later estimates"""
-    diagnostics: Diagnostics = Diagnostics()
-    record: Record = Record()
+    diagnostics: DiagnosticsSection = DiagnosticsSection()
+    record: RecordSection = RecordSection()
 
     def joints(self) -> dict[str, str]:
         """Joints of the leg that are measured; see `NodeSection`."""

@@ -37,7 +37,7 @@ from knee_contact_ros.model.types import (
 )
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import Source, curve_texts, lateral_texts, load_parameters
-from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
+from knee_contact_ros.parameters.schema import KneeSection, Parameters, has_both, lateral_knee
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.frames import ForceFrame, Transform, encode_transform
 from knee_contact_ros.streams.messages import (
@@ -86,7 +86,7 @@ WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque")
 
 def angle_sample(
     message: JointState,
-    knee: Knee,
+    knee: KneeSection,
     height_prescribed: bool = False,
     data: bytes = b"",
     delay: int = 0,

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import NANOSECOND, Status
-from knee_contact_ros.parameters.schema import LoadParameters, Pairing, Parameters
+from knee_contact_ros.parameters.schema import LoadParameters, PairingSection, Parameters
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import (
     JOINT_STATE,
@@ -303,7 +303,7 @@ class Synchroniser:
     back, the run starts again from rest; if the angles do, the earlier angles are forgotten.
     """
 
-    def __init__(self, pairing: Pairing) -> None:
+    def __init__(self, pairing: PairingSection) -> None:
         self.refused = Refusals()
         """Number of refused samples by reason"""
         self._max_gap, self._queue = round(pairing.max_gap * NANOSECONDS), pairing.queue

@@ -28,7 +28,7 @@ from knee_contact_ros.model.types import (
     Rows,
     Status,
 )
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters
+from knee_contact_ros.parameters.schema import ContactSection, Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def beyond_words(model: KneeModel) -> str:
     return f"beyond {MM * limit:.3g} mm, {what}"
 
 
-def _units(contact: ContactParameters, stiffness: float, finding: str) -> str:
+def _units(contact: ContactSection, stiffness: float, finding: str) -> str:
     """Phrase with a stiffness, a finding about it, and what it would be if it were meant in N/mm^n."""
     per_metre, per_millimetre = (f"N/{unit}^{contact.exponent:g}" for unit in ("m", "mm"))
     meant = f"{MM**contact.exponent * stiffness:.7g} {per_metre}"

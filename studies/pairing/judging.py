@@ -10,7 +10,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.parameters.schema import PairingSection
 from knee_contact_ros.streams.pairing import AngleSample, LoadSample, PairedSample, Synchroniser
 from studies.pairing.world import (
     ANGLE,
@@ -70,7 +70,7 @@ class Judged(NamedTuple):
 
 def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
     """Answers by the number of their load's arrival; how often each angle's arrival was handed on; most kept aside."""
-    synchroniser = Synchroniser(Pairing(max_gap=MAX_GAP / SECOND, wait=WAIT / SECOND))
+    synchroniser = Synchroniser(PairingSection(max_gap=MAX_GAP / SECOND, wait=WAIT / SECOND))
     answers: dict[int, list[Answer]] = defaultdict(list)
     handed: Counter[int] = Counter()
     most, look = 0, 0

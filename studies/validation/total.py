@@ -14,7 +14,7 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimator
 from knee_contact_ros.joint_reaction.leg import GRAVITY, UNKNOWN, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
-from knee_contact_ros.parameters.schema import PersonParameters
+from knee_contact_ros.parameters.schema import PersonSection
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
 from studies.validation.data import SECOND, Flags, Floats, Walk
 
@@ -22,7 +22,7 @@ LANDING, MIDDLE = 0.1, 0.5
 """Parts of a stance: in the first one the force still falls from the heel strike's own peak, and has no peak"""
 LEAST, MOST = (0.5, 0.0, 0.0), (2.5, 2.0, 1.0)
 """Bounds of moment_arm_scale, co_contraction and tone in a fit"""
-DEFAULT = PersonParameters()
+DEFAULT = PersonSection()
 FREE = ("moment_arm_scale", "co_contraction", "tone")
 
 

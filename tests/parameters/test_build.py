@@ -24,7 +24,7 @@ from knee_contact_ros.offline.solve import Subject
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import ContactParameters, with_constants_of_laws
+from knee_contact_ros.parameters.schema import ContactSection, with_constants_of_laws
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from tests.offline.test_solve import make_bag
@@ -141,9 +141,9 @@ def law_with_an_edge(
 
 def test_what_a_law_alone_asks_for_is_a_parameter() -> None:
     section = with_constants_of_laws({**CONTACT_LAWS, "edged": law_with_an_edge})
-    assert set(section.model_fields) == {*ContactParameters.model_fields, "edge"}
+    assert set(section.model_fields) == {*ContactSection.model_fields, "edge"}
     assert section.model_fields["edge"].description == "[m] of it"
-    assert section().model_dump() == {**ContactParameters().model_dump(), "edge": 0.25}
+    assert section().model_dump() == {**ContactSection().model_dump(), "edge": 0.25}
     assert section(edge=1.0).model_dump()["edge"] == 1.0
     for bad in (-0.1, 1.1, "0.5", float("nan")):
         with pytest.raises(ValidationError, match="edge"):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.parameters.schema import PairingSection
 from knee_contact_ros.streams.pairing import (
     AngleSample,
     LoadSample,
@@ -232,7 +232,7 @@ PAIRS = {
 @pytest.mark.parametrize("name", PAIRS)
 def test_what_is_paired(name: str) -> None:
     samples, pairs, refused = PAIRS[name]
-    synchroniser = Synchroniser(Pairing(max_gap=0.1))
+    synchroniser = Synchroniser(PairingSection(max_gap=0.1))
     assert told(feed(synchroniser, samples)) == pairs
     assert synchroniser.refused == refused
 
@@ -242,7 +242,7 @@ def test_heights_and_all_that_is_known_of_a_leg_are_interpolated_as_the_angles_a
         angle(at, 1.0)._replace(height=h, others=others)
         for at, h, *others in ((10, 0.03, 1, 5), (20, 0.04, 2, -5))
     ]
-    (between,) = feed(Synchroniser(Pairing()), [ends[0], load(13), ends[1]])
+    (between,) = feed(Synchroniser(PairingSection()), [ends[0], load(13), ends[1]])
     assert between.height == pytest.approx(0.033, abs=1e-17)
     assert between.others == pytest.approx((1.3, 2.0), abs=1e-15)
 
@@ -250,7 +250,7 @@ def test_heights_and_all_that_is_known_of_a_leg_are_interpolated_as_the_angles_a
 @given(st.integers(0, 10**9))
 def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     angles, loads = [angle(i * 10) for i in range(8)], [load(i) for i in range(70)]
-    expected = feed(Synchroniser(Pairing()), [*angles, *loads])
+    expected = feed(Synchroniser(PairingSection()), [*angles, *loads])
     mixed, a, b, rng = (
         list[AngleSample | LoadSample](),
         list(angles),
@@ -259,7 +259,7 @@ def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     )
     while a or b:
         mixed.append((a if a and (not b or rng.random() < 0.2) else b).pop(0))
-    pairs = feed(Synchroniser(Pairing()), mixed)
+    pairs = feed(Synchroniser(PairingSection()), mixed)
     assert told(pairs) == told(expected)
     assert len(pairs) == 70
     recorded = [a for pair in pairs for a in pair.angles]
@@ -269,21 +269,21 @@ def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
 def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle_that_may_be_wrong() -> (
     None
 ):
-    synchroniser = Synchroniser(Pairing())
+    synchroniser = Synchroniser(PairingSection())
     assert told(feed(synchroniser, "a5=0.3 l6 l7") + synchroniser.give_up()) == "6=0.3H 7=0.3H"
-    synchroniser = Synchroniser(Pairing())
+    synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a0 l0 a10 l10")
     assert feed(synchroniser, [load(5000)._replace(arrived=3.0), angle(5000, 0.7)]) == []
     assert synchroniser.give_up(2.9) == []
     assert told(synchroniser.give_up(3.0)) == "5000=0.7S"
     regular = " ".join(f"a{at}=0.3 l{at}" for at in range(0, 100, 10))
-    pairs = feed(Synchroniser(Pairing()), f"{regular} l95 a150=1 .")
+    pairs = feed(Synchroniser(PairingSection()), f"{regular} l95 a150=1 .")
     assert told(pairs[9:]) == "90=0.3 95=0.3H"
 
 
 def test_nothing_grows_while_the_other_stream_is_silent() -> None:
     """What waits for a force that does not come is given up, oldest first, and counted; so it is with an angle."""
-    synchroniser = Synchroniser(Pairing(queue=100))
+    synchroniser = Synchroniser(PairingSection(queue=100))
     feed(synchroniser, [angle(i) for i in range(1000)])
     assert (synchroniser.unrecorded, synchroniser.fill) == (900, 1.0)
     (pair,) = feed(synchroniser, [load(999)])
@@ -295,12 +295,12 @@ def test_nothing_grows_while_the_other_stream_is_silent() -> None:
 
 
 def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles_is_lost() -> None:
-    synchroniser = Synchroniser(Pairing())
+    synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a9000 l9000 a9010 l9005")
     synchroniser.forget()
     assert [a.stamp // MS for a in synchroniser.rest()] == [9010]  # is still to be recorded
     assert told(feed(synchroniser, "a0 l0 a10 l10")) == "0 10"
-    synchroniser = Synchroniser(Pairing())
+    synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a0=0 l0 a10=1 l9 .")
     synchroniser.forget()
     pairs = feed(synchroniser, "l12 l13 a20=2 a30=3 l14")
@@ -312,7 +312,8 @@ def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles
 def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
     """One clock is wrong: the answer goes with the newest angle, as if it had been set so later."""
     pairs = feed(
-        Synchroniser(Pairing()), [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))]
+        Synchroniser(PairingSection()),
+        [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))],
     )
     assert len(pairs) >= 38
     assert {pair.status for pair in pairs[2:]} == {HELD | STALE}
@@ -321,7 +322,7 @@ def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
 @pytest.mark.parametrize("apart", [-500, -200, 200, 500])
 def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apart: int) -> None:
     """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
-    synchroniser, stale = Synchroniser(Pairing(wait=2.0)), []
+    synchroniser, stale = Synchroniser(PairingSection(wait=2.0)), []
     for time in range(0, 8000, 10):
         off = apart if 2000 <= time < 6000 else 0
         pairs = [*synchroniser.push_angle(angle(time + off)), *synchroniser.push_load(load(time))]
@@ -332,7 +333,7 @@ def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apa
 
 def test_bursts_are_not_taken_for_a_wrong_clock() -> None:
     synchroniser, bursts = (
-        Synchroniser(Pairing(wait=2.0)),
+        Synchroniser(PairingSection(wait=2.0)),
         [range(begin, begin + 300, 10) for begin in range(0, 6000, 300)],
     )
     pairs = feed(
@@ -342,7 +343,7 @@ def test_bursts_are_not_taken_for_a_wrong_clock() -> None:
 
 
 def test_a_constant_latency_is_told_as_it_is() -> None:
-    synchroniser = Synchroniser(Pairing(angle_delay=0.02))
+    synchroniser = Synchroniser(PairingSection(angle_delay=0.02))
     for time in range(0, 1000, 10):
         synchroniser.push_load(load(time))
         synchroniser.push_angle(angle(time + 10)._replace(delay=round(20 * MS)))

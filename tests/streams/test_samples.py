@@ -11,7 +11,7 @@ import pytest
 from knee_contact_ros.joint_reaction.leg import Joints
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import GroundForce, Knee, LoadParameters
+from knee_contact_ros.parameters.schema import GroundForce, KneeSection, LoadParameters
 from knee_contact_ros.streams.contact_pipeline import angle_sample, load_sample
 from knee_contact_ros.streams.load_pipeline import (
     LARGEST_TORQUE,
@@ -45,11 +45,11 @@ def leg(values: dict[str, Any], message: JointState) -> Joints:
 
 
 def knee(message: JointState) -> Any:
-    return angle_sample(message, Knee())
+    return angle_sample(message, KneeSection())
 
 
 def height(message: JointState) -> Any:
-    return angle_sample(message, Knee(), height_prescribed=True)
+    return angle_sample(message, KneeSection(), height_prescribed=True)
 
 
 def assisted(message: JointState) -> Any:
@@ -76,7 +76,7 @@ def test_joints_are_found_by_their_names_and_signs_make_their_angles() -> None:
     assert (
         knee(JointState(STAMP, "", ("knee", "knee"), (0.25, 9.0), (), ())).angle == 0.25
     )  # the first one counts
-    other = Knee(joint_name="knee_angle_r", flexion_sign=-1.0, flexion_offset=0.1)
+    other = KneeSection(joint_name="knee_angle_r", flexion_sign=-1.0, flexion_offset=0.1)
     assert (
         angle_sample(state(knee_angle_r=-0.5), other).angle == 0.5
     )  # the offset is that of the tick
@@ -98,7 +98,7 @@ def test_what_is_not_named_is_not_measured_whatever_comes() -> None:
 
 
 def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
-    named = Knee(height_joint_name="knee_ty")
+    named = KneeSection(height_joint_name="knee_ty")
     assert (
         angle_sample(state(knee=0.2, knee_ty=0.034), named, height_prescribed=True).height == 0.034
     )
@@ -213,10 +213,12 @@ def test_what_cannot_be_used_is_refused(
 
 
 def test_an_angle_that_lags_holds_earlier_and_is_recorded_as_it_came() -> None:
-    sample = angle_sample(state(knee=0.25)._replace(stamp=20_000_000), Knee(), delay=25_000_000)
+    sample = angle_sample(
+        state(knee=0.25)._replace(stamp=20_000_000), KneeSection(), delay=25_000_000
+    )
     assert (sample.stamp, sample.came_at) == (-5_000_000, 20_000_000)
     with pytest.raises(RefusedSampleError, match="stamp -1 ns"):
-        angle_sample(state(knee=0.25)._replace(stamp=-1), Knee(), delay=-25_000_000)
+        angle_sample(state(knee=0.25)._replace(stamp=-1), KneeSection(), delay=-25_000_000)
     of_leg = leg_sample(
         state(knee=0.25), load_parameters({}, LoadParameters), b"as it came", 25_000_000
     )

@@ -15,7 +15,7 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 
 from benchmarks.report import save
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.parameters.schema import PersonParameters
+from knee_contact_ros.parameters.schema import PersonSection
 from studies.validation.__main__ import main
 from studies.validation.data import PERSONS, Walk, missed, near, runs, walks
 from studies.validation.movements import CYCLES, scores
@@ -74,9 +74,7 @@ def test_defaults_of_one_person_hold_for_the_other(
     assert means["ankle_moment"] <= 0.286
     assert means["ground_force"] < fmean(lines(measured).values()) - 0.05
     together = fitted(measured, list(LEVELS), DEFAULT.moment_arm_scale)
-    assert [getattr(PersonParameters(), name) for name in FREE] == pytest.approx(
-        together, abs=0.01
-    )
+    assert [getattr(PersonSection(), name) for name in FREE] == pytest.approx(together, abs=0.01)
 
 
 def test_the_shipped_share_is_the_one_form_that_holds_for_the_other_person(
