@@ -279,7 +279,8 @@ def warm(given: Given) -> None:
     ~/.cache/knee_contact_ros. It is valid for this version of the model, of its compiler and of Python, on this kind of
     processor.
     """
-    from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
+    from knee_contact_ros.model.compiler import folders
+    from knee_contact_ros.model.kernel import compiled_run, kept_files
     from knee_contact_ros.model.ticks import run
     from knee_contact_ros.streams.contact_pipeline import load_model
     from knee_contact_ros.system.terminal import say

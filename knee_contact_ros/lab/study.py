@@ -59,7 +59,7 @@ from knee_contact_ros.lab.sweep import (
     read_recording,
     recorded_doubt,
 )
-from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import FLAT, TOLD, Floats
 from knee_contact_ros.offline.solve import with_weight
 from knee_contact_ros.parameters.files import (

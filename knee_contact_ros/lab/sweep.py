@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from knee_contact_ros.bags.provenance import Provenance, metadata_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.joint_reaction.compartments import LoadRule
-from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch

@@ -28,8 +28,8 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-TICK, LOADING, COMPILING = 0.3e-3, 0.7, 6.0
-"""Processor time [s] of an uncompiled tick, of loading the kept file (with Numba's import), and of compiling"""
+COMPILING = 6.0
+"""Processor time [s] of compiling the model"""
 FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
 """Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""
 NOT_NEEDED = (
@@ -80,33 +80,6 @@ def inlined(function: _Function) -> _Function:
     """Mark a function that nearly every tick calls, from few places; passing its arguments would take longer."""
     INLINED.append(function)
     return in_kernel(function)
-
-
-def worth_compiling(ticks: int | None) -> bool:
-    """Whether compiling is faster for a number of ticks; None (unknown): whether the compiled model is kept."""
-    if compiled_run.cache_info().currsize:
-        return compiled_run() is not None
-    plain = COMPILING if ticks is None else ticks * TICK
-    return plain > LOADING and (plain > COMPILING or bool(kept_files()))
-
-
-@cache
-def compiled_run() -> Callable[..., None] | None:
-    """Return the compiled `ticks.run`, ready for its first call; None, with a warning, if Numba cannot be used."""
-    from knee_contact_ros.model import knee, ticks
-
-    return compiled(ticks.run, knee.example_call())
-
-
-def kept_files() -> list[Path]:
-    """Return the files in which the compiled model is kept, for any processor, without importing Numba."""
-    from knee_contact_ros.model import ticks
-
-    return [
-        path
-        for folder in folders(ticks.run)
-        for path in folder.glob(f"{stamp(ticks.run)}-*{SUFFIX}")
-    ]
 
 
 def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[..., Any] | None:
@@ -345,6 +318,12 @@ def _address() -> Any:
         return builder.load(cgutils.gep_inbounds(builder, address, 0, kind.fields.index(name)))
 
     return Address
+
+
+def kept_by(entry: Callable[..., Any]) -> list[Path]:
+    """Return the files in which a compiled function is kept, for any processor, without importing Numba."""
+    pattern = f"{stamp(entry)}-*{SUFFIX}"
+    return [path for folder in folders(entry) for path in folder.glob(pattern)]
 
 
 def folders(entry: Callable[..., Any]) -> list[Path]:

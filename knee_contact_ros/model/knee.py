@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model import compiler, ticks
+from knee_contact_ros.model import ticks
 from knee_contact_ros.model.inputs import Inputs
-from knee_contact_ros.model.laws import ContactLaw, check, hertz
-from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.kernel import compiled_run, kernel_views, worth_compiling
+from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.statics import plain_static_depth
-from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
+from knee_contact_ros.model.surfaces import Closest, ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
 
 INPUTS = ("flexion_angle", "load", "femoral_height")
@@ -36,16 +36,6 @@ BUDGET, MOST_BUDGET = 20_000, 100_000
 PLAUSIBLE_SHARE = 0.2
 """Fraction of the femoral radius above which a depth is implausible: 6.8 mm of 34 mm, that is 4 mm of cartilage pressed
 flat and nearly as much bone. Contact laws are valid for depths that are small compared with the radius."""
-
-
-def as_the_kernel_sees(rows: Rows) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint32]]:
-    """Return views of contiguous rows of answers as words, bytes and half words, each of shape (n, k)."""
-    count, size = len(rows), ROW.itemsize
-    return (
-        rows.view(np.float64).reshape(count, size // 8),
-        rows.view(np.uint8).reshape(count, size),
-        rows.view(np.uint32).reshape(count, size // 4),
-    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,11 +124,9 @@ class KneeModel:
 
     def kernel(self, number: int | None = None) -> Callable[..., None]:
         """Return the function for a number of ticks (None: unknown): `ticks.run` or its compiled twin."""
-        if self.compiled is False or (
-            self.compiled is None and not compiler.worth_compiling(number)
-        ):
+        if self.compiled is False or (self.compiled is None and not worth_compiling(number)):
             return ticks.run
-        return compiler.compiled_run() or ticks.run
+        return compiled_run() or ticks.run
 
     def compute(self, samples: Floats, answers: Rows, state: Floats | None = None) -> None:
         """Compute a run, or continue one, into rows of answers, without checks; see `ticks.run`.
@@ -147,7 +135,7 @@ class KneeModel:
         [m] or NaN. Stamps and latencies of `answers` are left as they are.
         """
         state = np.zeros(ticks.STATE_SIZE) if state is None else state
-        self.kernel(len(samples))(self.knee, state, samples, *as_the_kernel_sees(answers))
+        self.kernel(len(samples))(self.knee, state, samples, *kernel_views(answers))
 
     def stream(self) -> Stream:
         """Start a run that is given one tick at a time."""
@@ -296,7 +284,7 @@ class Stream:
         self._height_prescribed = self.model.height_prescribed
         self._state = np.zeros(ticks.STATE_SIZE)
         self._sample = np.zeros((1, 4))
-        self._views = as_the_kernel_sees(self.answer)
+        self._views = kernel_views(self.answer)
         self._run, self._knee = self.model.kernel(), self.model.knee
 
     def __repr__(self) -> str:
@@ -321,7 +309,7 @@ class Stream:
                 self._knee._replace(budget=MOST_BUDGET),
                 rest,
                 sample,
-                *as_the_kernel_sees(blank(1)),
+                *kernel_views(blank(1)),
             )
             state[ticks.E_HEIGHT] += rest[ticks.HEIGHT] - state[ticks.HEIGHT]
             for place in (ticks.HEIGHT, ticks.STIFFNESS, ticks.SLOPE_DAMPING):
@@ -449,13 +437,3 @@ def _listed(words: Sequence[str]) -> str:
 def degrees_hint(angle: float) -> str:
     """Hint for the message that refuses an angle; empty if the angle is not refused for its size."""
     return "; is it in degrees?" if LARGEST_ANGLE < abs(angle) < math.inf else ""
-
-
-def example_call() -> tuple[Any, ...]:
-    """Return arguments of `ticks.run` with the types of every call: those of all laws, surfaces and mechanisms."""
-    knee = KneeModel(
-        ContactPair(Circle(0.034), Plane(0.0), MECHANISMS["hinge"]()),
-        hertz(stiffness=1e7, exponent=1.5),
-        1.0,
-    ).knee
-    return knee, np.zeros(ticks.STATE_SIZE), np.zeros((1, 4)), *as_the_kernel_sees(blank(1))

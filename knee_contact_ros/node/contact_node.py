@@ -25,7 +25,8 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.model.compiler import COMPILING, kept_files
+from knee_contact_ros.model.compiler import COMPILING
+from knee_contact_ros.model.kernel import kept_files
 from knee_contact_ros.model.types import ROW, ContactState, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth

@@ -30,7 +30,7 @@ from knee_contact_ros.bags.provenance import (
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, files_of
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve_blocks import take

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 from tabulate import tabulate
 
-from knee_contact_ros.model import compiler
+from knee_contact_ros.model import kernel
 from studies.honesty.kinds import STUDIES, found
 from studies.honesty.study import COLUMNS, Row, save, table
 
@@ -59,7 +59,7 @@ def main(
         return
     numbers = [seed * SEEDS + first + i for i in range(count or STUDIES[study][1])]
     rows: list[Row] = []
-    compiler.compiled_run()  # once, so that the workers do not both compile it
+    kernel.compiled_run()  # once, so that the workers do not both compile it
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         for number, some in pool.map(partial(found, study, part), numbers):
             rows += some

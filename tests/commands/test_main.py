@@ -13,7 +13,7 @@ import click
 import pytest
 
 from knee_contact_ros.commands.main import INTERRUPTED, knee_contact, main
-from knee_contact_ros.model import compiler
+from knee_contact_ros.model import compiler, kernel
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 
@@ -315,7 +315,7 @@ def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]
     assert main(["warm"]) == 0
     first, where = capsys.readouterr().out.splitlines()
     assert first in ("compiled", "was there already")
-    assert where == f"kept in {compiler.kept_files()[0].parent}"
+    assert where == f"kept in {kernel.kept_files()[0].parent}"
     done = subprocess.run(
         [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
     )
@@ -330,7 +330,7 @@ def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]
 def test_what_cannot_be_kept_is_no_success(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiler, "kept_files", list)
+    monkeypatch.setattr(kernel, "kept_files", list)
     assert main(["warm"]) == 1
     assert "could not be compiled and kept in " in capsys.readouterr().err
 
@@ -339,7 +339,7 @@ def test_without_a_home_one_line_says_what_is_missing(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(compiler, "folders", lambda _entry: [tmp_path])
-    monkeypatch.setattr(compiler, "kept_files", list)
+    monkeypatch.setattr(kernel, "kept_files", list)
     assert main(["warm"]) == 2
     *_, line = capsys.readouterr().err.splitlines()  # before it, maybe, that the model is compiled
     assert "set XDG_CACHE_HOME" in line

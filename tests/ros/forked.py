@@ -29,7 +29,7 @@ PROCESSES.set_forkserver_preload(
             for name in (
                 "bags.recorder",
                 "commands.live",
-                "model.compiler",
+                "model.kernel",
                 "streams.load_pipeline",
                 "streams.contact_pipeline",
                 "view.anatomy",

@@ -22,7 +22,8 @@ from rosgraph_msgs.msg import Clock
 import knee_contact_ros
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.model.compiler import kept_files, stamp
+from knee_contact_ros.model.compiler import stamp
+from knee_contact_ros.model.kernel import kept_files
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
 from knee_contact_ros.system.processes import free_port

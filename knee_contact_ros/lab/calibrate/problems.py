@@ -25,7 +25,7 @@ from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
 from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.tables import TableFormat, check_unit, header_of, read_numbers
-from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import UNUSABLE, Floats, Status
 from knee_contact_ros.offline.estimate_load import estimate_load
