@@ -1,4 +1,4 @@
-"""Commands of the laboratory: import-*, align, fit-*, calibrate; sweep, sensitivity, trade; report."""
+"""Commands of the laboratory: import-*, align, fit-profile, calibrate; sweep, sensitivity, trade; report."""
 
 from __future__ import annotations
 
@@ -252,88 +252,6 @@ def fit_profile(
         mesh, femur=femur, medial=medial, tolerance=1e-3 * tolerance, slab=1e-3 * slab, **others
     ):
         say(line, hang=LABEL)
-
-
-@click.command("fit-share")
-@click.option(
-    "--trial",
-    "trials",
-    multiple=True,
-    required=True,
-    metavar="FILE.csv[,FILE.csv...]",
-    help="CSV file of a trial, or several files with one clock; the first one sets the sampling. Once per trial.",
-)
-@click.option(
-    "--time",
-    default="time_s",
-    show_default=True,
-    metavar="COLUMN",
-    help="Column of the time [s], in every file.",
-)
-@click.option(
-    "--axial",
-    required=True,
-    metavar="SUM",
-    help="Axial compression [N], for example 'pm + am + pl + al'.",
-)
-@click.option(
-    "--medial",
-    required=True,
-    metavar="SUM",
-    help="Its medial part [N], for example '0.98 am + 0.97 pm'.",
-)
-@click.option(
-    "--flexion",
-    required=True,
-    metavar="SUM",
-    help="Flexion angle, for example --flexion=-knee_angle.",
-)
-@choice_option("--angle-unit", ["deg", "rad"], "Unit of --flexion.", "rad")
-@click.option(
-    "--body-weight",
-    type=FiniteRange(10.0, 5000.0),
-    multiple=True,
-    required=True,
-    metavar="N",
-    help="Body weight [N]; once, or once per trial.",
-)
-@click.option(
-    "--moment",
-    default="",
-    metavar="SUM",
-    help="Frontal moment torque.x [N m]. Fits the spacing of the compartments.",
-)
-@choice_option(
-    "--form",
-    ["auto", "curve", "table"],
-    "curve: over the load; table: over flexion and load; auto: the better one on trials that are left out.",
-    "auto",
-)
-@click.option("--source", default="", help="Source of the data, which is written into the file.")
-@output_option("OUT.csv", "Table to write.", ".csv", replace="Replace OUT.csv if it exists.")
-def fit_share(
-    trials: tuple[str, ...],
-    time: str,
-    axial: str,
-    medial: str,
-    flexion: str,
-    moment: str,
-    angle_unit: str,
-    **rest: Any,
-) -> None:
-    """Fit the medial share of the load to an instrumented knee.
-
-    It fits two forms to trials of walking: a curve over the load with two constants, and a table over flexion and load.
-    It prints the RMS error of each form in each trial, fitted to the other trials. It writes a file for
-    load.share_file: the curve, or the table if it is clearly better.
-    """
-    from knee_contact_ros.lab.shares import run_fit_share
-
-    sums = {"--axial": axial, "--medial": medial, "--flexion": flexion} | (
-        {"--moment": moment} if moment else {}
-    )
-    files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
-    run_fit_share(files, time, sums, angle_unit == "deg", **rest)
 
 
 @click.command()

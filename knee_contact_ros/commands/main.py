@@ -35,7 +35,6 @@ GROUPS = {
         lab.import_csv,
         lab.align,
         lab.fit_profile,
-        lab.fit_share,
         lab.calibrate,
     ),
     "Study": (lab.sweep, lab.sensitivity, lab.trade),

@@ -21,8 +21,8 @@ from knee_contact_ros.joint_reaction.leg import (
     NetMoments,
     leg_of,
 )
-from knee_contact_ros.lab.shares import Trial
 from knee_contact_ros.lab.tables import read_storage
+from studies.validation.shares import Trial
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -107,12 +107,10 @@ class Walk(NamedTuple):
 
     @property
     def trial(self) -> Trial:
-        """The trial in the form that `fit-share` takes."""
+        """The trial relative to the body weight, as the fits of shares take it."""
         weight = self.person.body_weight
         moment = np.where(self.used, self.frontal, UNKNOWN) / weight
-        return Trial(
-            self.name, self.flexion, self.total / weight, self.medial / weight, moment, weight
-        )
+        return Trial(self.flexion, self.total / weight, self.medial / weight, moment)
 
     def nets(self, level: str) -> list[NetMoments]:
         """Net moments as a level knows them, length n."""

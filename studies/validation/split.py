@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare
-from knee_contact_ros.lab.shares import (
+from studies.validation.data import Floats, Walk
+from studies.validation.shares import (
     Curve,
     Trial,
     constant,
@@ -18,13 +19,12 @@ from knee_contact_ros.lab.shares import (
     share_csv,
     spacing,
 )
-from studies.validation.data import Floats, Walk
 from studies.validation.total import weights
 
 Share = Callable[[Walk], Floats]
 """Medial force [body weights] of a walk, shape (n,)"""
 SMOOTHING = 3e-3
-"""Penalty of the tables: what `fit-share` chooses for both persons"""
+"""Penalty of the tables: what cross-validation over the trials chose for both persons"""
 SPACING = 0.07
 """Default distance of the compartments [m]"""
 CALLED = {

@@ -164,21 +164,6 @@ def test_help_loads_nothing_heavy() -> None:
     )
 
 
-FIT_SHARE = [
-    "fit-share",
-    "--trial",
-    "a.csv",
-    "--axial",
-    "a",
-    "--medial",
-    "a",
-    "--flexion",
-    "a",
-    "--body-weight",
-    "700",
-]
-
-
 MISSING = "there is no folder typo; make it first\n"
 REFUSED: list[tuple[list[str], str]] = [
     (["solve", "{bag}", "--output", "typo/out.mcap"], MISSING),
@@ -188,7 +173,6 @@ REFUSED: list[tuple[list[str], str]] = [
     (["report", "{bag}", "--output", "typo/report"], MISSING),
     (["demo", "--output", "typo/demo"], MISSING),
     (["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"], MISSING),
-    ([*FIT_SHARE, "--output", "typo/share.csv"], MISSING),
     (
         ["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"],
         MISSING,
@@ -225,7 +209,6 @@ REFUSED: list[tuple[list[str], str]] = [
         ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
         "--output x.yaml: its name must end with .csv\n",
     ),
-    ([*FIT_SHARE, "--output", "x.yaml"], "--output x.yaml: its name must end with .csv\n"),
     (["demo", "--bag", "nowhere"], "no bag at nowhere"),
     (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
     (["demo", "--rate", "0"], "0.01<=x<=100"),
@@ -237,10 +220,6 @@ REFUSED: list[tuple[list[str], str]] = [
         ["trade", "{bag}", "--worth", "inf"],
         "Invalid value for '--worth': inf is not a finite number",
     ),
-    (
-        [*FIT_SHARE, "--output", "x.csv", "--body-weight", "nan"],
-        "Invalid value for '--body-weight': nan is not a finite number",
-    ),
     (["demo", "--from-sensors", "--bag", "{bag}"], "has no topic /ground_reaction_force"),
     (
         ["demo", "--from-sensors", "--params", "load/gait2354"],
@@ -251,7 +230,7 @@ REFUSED: list[tuple[list[str], str]] = [
     (["solve", "nowhere", "--output", "x.mcap"], "no bag at nowhere"),
     (["solve", "nowhere"], "Missing option '--output'"),
     (["replay"], "Missing argument 'BAG'"),
-    (["walk"], "No such command 'walk'"),
+    (["fit-share"], "No such command 'fit-share'"),
 ]
 
 

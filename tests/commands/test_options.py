@@ -163,8 +163,6 @@ def estimated(walking: Path) -> Path:
     [
         "align a.csv --map own.yaml --output own.yaml --overwrite",
         "calibrate a.csv --params own.yaml --free load.share --output own.yaml --overwrite",
-        "fit-share --trial a.csv,own.csv --axial a --medial a --flexion a "
-        "--body-weight 700 --output own.csv --overwrite",
         "table own.csv --output own.csv",
         "trade own.png --picture own.png",
     ],
