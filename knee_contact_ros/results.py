@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import Readings
-from knee_contact_ros.model.types import FIELDS, FLAT, NANOSECOND, ROW, TOLD, Rows, Status
+from knee_contact_ros.model.types import (
+    FIELDS,
+    FLAT,
+    MESSAGE_FIELDS,
+    NANOSECOND,
+    ROW,
+    Rows,
+    Status,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 
@@ -221,7 +229,7 @@ def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
     Several topics follow each other; the first column then has their names.
     """
     parts = [columns(rows) for rows in answers.values()]
-    names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *TOLD)]
+    names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *MESSAGE_FIELDS)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
     if len(answers) > 1:
         whole = {

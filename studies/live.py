@@ -33,7 +33,7 @@ from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import GROUPS
 from knee_contact_ros.commands.options import FILE
-from knee_contact_ros.model.types import FLAT, TOLD, Status, byte
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status, byte
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import has_both
@@ -118,7 +118,9 @@ def different_fields(folder: Path) -> list[str]:
     for rows in (live, again):
         rows["status"] &= ~np.uint8(Status.INPUT_REJECTED)  # no refused sample is in a recording
     different = [
-        name for name in TOLD if not np.array_equal(live.view(FLAT)[name], again.view(FLAT)[name])
+        name
+        for name in MESSAGE_FIELDS
+        if not np.array_equal(live.view(FLAT)[name], again.view(FLAT)[name])
     ]
     return different if len(live) > 40 else ["length"]
 
@@ -135,7 +137,11 @@ def replay(dice: random.Random) -> str:
         walk(dice, paths[0])
         walk(again, paths[1], compiled=True)
         live, fresh = (read_answers(path).view(FLAT) for path in paths)
-        told = [f"fresh {name}" for name in TOLD if not np.array_equal(live[name], fresh[name])]
+        told = [
+            f"fresh {name}"
+            for name in MESSAGE_FIELDS
+            if not np.array_equal(live[name], fresh[name])
+        ]
         return " ".join([*different_fields(Path(folder)), *told])
 
 

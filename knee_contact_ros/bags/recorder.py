@@ -32,7 +32,7 @@ from mcap.records import Statistics
 from mcap.writer import CompressionType, Writer
 from ruamel.yaml import YAML
 
-from knee_contact_ros.streams.output import PROVENANCE, Knee, Sink
+from knee_contact_ros.streams.output import PROVENANCE, RecordedKnee, Sink
 from knee_contact_ros.streams.topics import (
     MESSAGE_TYPES,
     NANOSECONDS,
@@ -638,7 +638,7 @@ def refuse(path: Path, min_free: float, size: float = 0.0) -> None:
         raise UsageError(f"cannot write {path}: {shortage}")
 
 
-def sink_for(knee: Knee) -> Sink | None:
+def sink_for(knee: RecordedKnee) -> Sink | None:
     """Description of the recorder of a knee as a sink, which writes MCAP; None if the parameters name no file."""
     record = knee.parameters.record
     if not record.path:

@@ -60,7 +60,7 @@ from knee_contact_ros.lab.sweep import (
     recorded_doubt,
 )
 from knee_contact_ros.model.kernel import worth_compiling
-from knee_contact_ros.model.types import FLAT, TOLD, Floats
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Floats
 from knee_contact_ros.offline.solve import with_weight
 from knee_contact_ros.parameters.files import (
     all_values,
@@ -558,7 +558,7 @@ def _series(keys: Sequence[str], computed: Computed) -> bytes:
     ):
         known = computed.has(place)
         rows = answers[known].ravel().view(FLAT)
-        columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
+        columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *MESSAGE_FIELDS)}
         cases = np.repeat(np.array(keys)[known], answers.shape[1])
         parts.append(pd.DataFrame({"case": cases, "compartment": side, **columns}))
     content: bytes = pd.concat(parts).to_parquet(

@@ -263,7 +263,9 @@ FLAT = np.dtype(
     {"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize}
 )
 """The same row as a flat record, in which nested numbers have names of their own, such as `contact_point_x`"""
-TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop)
+MESSAGE_FIELDS = tuple(
+    name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop
+)
 """Names in `FLAT` of the numbers that the message has"""
 
 
@@ -298,7 +300,7 @@ def blank(number: int) -> Rows:
     return np.zeros(number, dtype=ROW)
 
 
-def untold(number: int) -> Rows:
+def unknown_answers(number: int) -> Rows:
     """Return rows of unknown answers, shape (number,): real numbers are NaN, integers 0."""
     rows = np.zeros(number, dtype=ROW)
     for name in _NAMES:

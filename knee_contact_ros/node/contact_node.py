@@ -38,7 +38,7 @@ from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import check_stamp, encode_joint_state
-from knee_contact_ros.streams.output import Knee
+from knee_contact_ros.streams.output import RecordedKnee
 from knee_contact_ros.streams.pairing import LoadSample, PairedSample
 from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import (
@@ -196,14 +196,14 @@ class ContactSession(Session):
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
 
-    def _described(self, parameters: Parameters) -> Knee:
+    def _described(self, parameters: Parameters) -> RecordedKnee:
         provenance = provenance_record(
             self.parameters, self._curves, ticks_before=self.pipeline.ticks
         )
         models = {
             compartment.topic: compartment.model for compartment in self.pipeline.compartments
         }
-        return Knee(parameters, models, self._names, provenance)
+        return RecordedKnee(parameters, models, self._names, provenance)
 
     def _publish(self, pair: PairedSample) -> None:
         clock, pipeline = time.perf_counter, self.pipeline

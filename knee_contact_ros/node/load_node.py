@@ -25,7 +25,7 @@ from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
-from knee_contact_ros.streams.output import LOAD_PROVENANCE, Knee
+from knee_contact_ros.streams.output import LOAD_PROVENANCE, RecordedKnee
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
@@ -100,9 +100,9 @@ class LoadSession(Session):
         )
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
 
-    def _described(self, parameters: LoadParameters) -> Knee:
+    def _described(self, parameters: LoadParameters) -> RecordedKnee:
         provenance = provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
-        return Knee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
+        return RecordedKnee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
     def _on_joint_state(self, data: bytes) -> int | None:
         try:

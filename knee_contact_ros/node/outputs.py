@@ -29,8 +29,8 @@ from knee_contact_ros.streams.output import (
     OPEN,
     REFUSED,
     STARTING,
-    Knee,
     Note,
+    RecordedKnee,
     Report,
     Sink,
 )
@@ -327,7 +327,7 @@ class Ring:
 class Outputs:
     """Hands answers to the outputs: each is a process of its own, and nothing here waits except `close`."""
 
-    def __init__(self, knee: Knee, log: Any) -> None:
+    def __init__(self, knee: RecordedKnee, log: Any) -> None:
         """Start all outputs that the parameters ask for; `log` is a logger (see `SinkProcess`).
 
         Raises:
@@ -361,7 +361,7 @@ class Outputs:
         for sink in self.sinks.values():
             sink.put(item)
 
-    def start_recording(self, knee: Knee) -> Path:
+    def start_recording(self, knee: RecordedKnee) -> Path:
         """Start a recording with the next answer, and return the name of its file.
 
         A file that cannot be opened after all is reported later.
@@ -378,7 +378,7 @@ class Outputs:
         self._ending += [before] if before else []
         return Path(recording.name)
 
-    def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> None:
+    def save_snapshot(self, items: Sequence[Answer | Note], knee: RecordedKnee) -> None:
         """Write the kept answers and notes to a separate recording.
 
         Raises:
@@ -392,7 +392,7 @@ class Outputs:
         recording.end(Ending((), {}))
         self._ending.append(recording)
 
-    def _recording(self, knee: Knee, size: int = 0) -> SinkProcess:
+    def _recording(self, knee: RecordedKnee, size: int = 0) -> SinkProcess:
         """Begin a recording that will have at least this size [B]."""
         path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if sink.state != ENDED]
@@ -439,7 +439,7 @@ class Outputs:
         return all(complete)
 
 
-def sink_of(section: str, knee: Knee) -> Sink | None:
+def sink_of(section: str, knee: RecordedKnee) -> Sink | None:
     """Describe the output of a section, by its module's `sink_for`; None if the parameters ask for none.
 
     Raises:

@@ -39,7 +39,7 @@ from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.sources import WRENCH_STAMPED, source_of
 from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.output import Knee, Note
+from knee_contact_ros.streams.output import Note, RecordedKnee
 from knee_contact_ros.streams.pairing import PairedSample, Pipeline
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
@@ -87,7 +87,7 @@ class Session(ABC):
         """Compute a tick, publish its messages, and then do the rest."""
 
     @abstractmethod
-    def _described(self, parameters: Any) -> Knee:
+    def _described(self, parameters: Any) -> RecordedKnee:
         """Description for outputs that begin now, with these parameters."""
 
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
@@ -313,7 +313,7 @@ class Session(ABC):
         self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
         return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
 
-    def _knee(self) -> Knee:
+    def _knee(self) -> RecordedKnee:
         """Description for outputs that begin now, with the time in the names of their files."""
         sections = {name: getattr(self.parameters, name, None) for name in ("record", "rerun")}
         update = {

@@ -19,15 +19,15 @@ from knee_contact_ros.model.types import (
     FIELDS,
     FLAT,
     MESSAGE,
+    MESSAGE_FIELDS,
     ROW,
-    TOLD,
     WRENCH,
     Bytes,
     Floats,
     Indices,
     Rows,
     Stamps,
-    untold,
+    unknown_answers,
 )
 from knee_contact_ros.streams.messages import (
     BYTE_ORDERS,
@@ -233,7 +233,7 @@ def decode_answers(messages: Column, message_definition: MessageDefinition) -> R
         ValueError: the definition lacks a number, or a message does not fit it.
     """
     places, whole = places_of(message_definition)
-    answers = untold(len(messages))
+    answers = unknown_answers(len(messages))
     numbers = answers.view(FLAT)
     if len(messages) and (messages.ends - messages.begins).min() < FRAME_END:
         raise ValueError(NO_MESSAGE)
@@ -247,7 +247,7 @@ def decode_answers(messages: Column, message_definition: MessageDefinition) -> R
             raise ValueError("a message is longer or shorter than its definition says")
         rows = block.rows(layout.itemsize).view(layout)[:, 0]
         with np.errstate(invalid="ignore"):  # a foreign definition may have other types
-            for name in set(TOLD) & set(layout.names or ()):
+            for name in set(MESSAGE_FIELDS) & set(layout.names or ()):
                 numbers[name][alike] = rows[name]
         numbers["stamp"][alike] = (
             rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
@@ -271,7 +271,7 @@ def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...],
             whole = False
             break
         places.append(place)
-    missing = set(TOLD) - ADDED - {name for name, _ in places}
+    missing = set(MESSAGE_FIELDS) - ADDED - {name for name, _ in places}
     if missing:
         raise ValueError(f"{TYPE} has no {', '.join(sorted(missing))}")
     return tuple(places), whole

@@ -30,7 +30,7 @@ LOAD_PROVENANCE = "knee_load"
 """Name of that record for estimated joint reactions; the other name would let them be computed again as contacts"""
 
 
-class Knee(NamedTuple):
+class RecordedKnee(NamedTuple):
     """A knee's data for outputs."""
 
     parameters: Any
@@ -46,7 +46,7 @@ class Knee(NamedTuple):
 
 
 class Sink(NamedTuple):
-    """Description of an output, which `sink_for` returns for a `Knee`, or None if the parameters request no output."""
+    """Description of an output; `sink_for` returns it for a `RecordedKnee`, or None if the parameters request none."""
 
     title: str
     """Name of the output in /diagnostics"""

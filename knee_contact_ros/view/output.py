@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.streams.output import Knee, Sink
+from knee_contact_ros.streams.output import RecordedKnee, Sink
 from knee_contact_ros.streams.topics import KNEE_CONTACT, Ending, knee_name
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import IncompleteError, UsageError
@@ -63,7 +63,7 @@ END = 5.0
 """Time [s] that a viewer may take to end"""
 
 
-def sink_for(knee: Knee) -> Sink | None:
+def sink_for(knee: RecordedKnee) -> Sink | None:
     """Describe the process that writes a Rerun file or serves a scene; None if drawing is off.
 
     Raises:

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics, read_answers, read_bag
-from knee_contact_ros.model.types import FLAT, TOLD, blank
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.columns import ADDED
@@ -50,7 +50,7 @@ def test_columns_hold_what_the_messages_say(recording: Path) -> None:
 
 def message(stamp: int, frame: str) -> bytes:
     rows = blank(1)
-    for number, name in enumerate(TOLD):
+    for number, name in enumerate(MESSAGE_FIELDS):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
 
@@ -61,7 +61,7 @@ def test_recordings_from_before_a_field_stay_readable(
     solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "now.mcap")
     old, now = read_answers(old_recording), read_answers(tmp_path / "now.mcap")
     assert old["stamp"].tolist() == now["stamp"].tolist()
-    for name in TOLD:
+    for name in MESSAGE_FIELDS:
         column = old.view(FLAT)[name]
         if name in ADDED:
             assert np.isnan(column).all(), name

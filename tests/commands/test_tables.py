@@ -17,7 +17,7 @@ from knee_contact_ros.commands import tables
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.commands.tables import show_recovery
 from knee_contact_ros.lab import trade
-from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.system import terminal
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.terminals import Terminal
@@ -163,7 +163,7 @@ def test_a_table_has_every_number_of_every_answer(
     for topic in table["topic"].unique() if values else ["/knee_contact"]:
         answers = read_answers(recording, topic).view(FLAT)
         own = table[table["topic"] == topic] if values else table
-        for name in ("stamp", *TOLD):
+        for name in ("stamp", *MESSAGE_FIELDS):
             assert np.array_equal(own[name], answers[name]), name
         assert np.allclose(own["time"], answers["stamp"] / 1e9, rtol=1e-15, atol=0.0)  # a rounding
     assert len(table) == 387 * (2 if values else 1)

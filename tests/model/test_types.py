@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, WRENCH, Point, blank, reader, untold
+from knee_contact_ros.model.types import (
+    FLAT,
+    MESSAGE,
+    ROW,
+    WRENCH,
+    Point,
+    blank,
+    reader,
+    unknown_answers,
+)
 from tests.helpers.scenes import law, model
 
 
@@ -20,7 +29,7 @@ def test_numbers_are_read_out_of_a_rows_bytes(names: tuple[str, ...]) -> None:
 
 def test_a_blank_row_is_all_zeros_and_an_untold_one_knows_no_number() -> None:
     assert np.array_equal(blank(2).view(np.uint8), np.zeros(2 * ROW.itemsize, np.uint8))
-    rows = untold(2).view(FLAT)
+    rows = unknown_answers(2).view(FLAT)
     for name in FLAT.names or ():
         assert np.isnan(rows[name]).all() if FLAT[name].kind == "f" else (rows[name] == 0).all()
 

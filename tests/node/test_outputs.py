@@ -13,16 +13,16 @@ from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
 from knee_contact_ros.node.outputs import Outputs, Ring, sink_of, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
-from knee_contact_ros.streams.output import OPEN, STARTING, Knee
+from knee_contact_ros.streams.output import OPEN, STARTING, RecordedKnee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import MayWait, Started, answer, close, recorded_ticks
 
 
-def described(**parameters: Any) -> Knee:
+def described(**parameters: Any) -> RecordedKnee:
     """A knee that outputs are described from."""
     read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
-    return Knee(
+    return RecordedKnee(
         read,
         {KNEE_CONTACT: ContactPipeline(read, compiled=False).model},
         ABSOLUTE_NAMES,

@@ -13,7 +13,7 @@ import knee_contact_ros
 from knee_contact_ros import Results, UsageError
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.estimate_load import ESTIMATE, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -23,7 +23,7 @@ from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 def told(rows: Any) -> list[bytes]:
     """All that the message tells of answers, as bytes."""
     flat = np.asarray(rows).view(FLAT)
-    return [np.ascontiguousarray(flat[name]).tobytes() for name in (*TOLD, "stamp")]
+    return [np.ascontiguousarray(flat[name]).tobytes() for name in (*MESSAGE_FIELDS, "stamp")]
 
 
 WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {

@@ -17,7 +17,7 @@ import pytest
 
 from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.bags.reader import read_answers
-from knee_contact_ros.model.types import FLAT, TOLD, Status
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
 from knee_contact_ros.node.outputs import MOST_ENDING
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import KNEE_CONTACT
@@ -237,7 +237,7 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(
         read_answers(tmp_path / name) for name in ("knee_snapshot_1.mcap", "again.mcap")
     )
     assert np.array_equal(
-        live[60:].view(FLAT)[list(TOLD)], again[60:].view(FLAT)[list(TOLD)]
+        live[60:].view(FLAT)[list(MESSAGE_FIELDS)], again[60:].view(FLAT)[list(MESSAGE_FIELDS)]
     )  # from the reset on
     sure = (
         again["status"] & Status.NOT_CONVERGED == 0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.model.types import FLAT, TOLD, blank
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank
 from knee_contact_ros.streams.columns import ADDED, TYPE, Column, decode_answers, places_of
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import NANOSECONDS, NO_DEFINITION, definition
@@ -26,7 +26,7 @@ def described(text: str) -> MessageDefinition:
 
 def message(stamp: int, frame: str) -> bytes:
     rows = blank(1)
-    for number, name in enumerate(TOLD):
+    for number, name in enumerate(MESSAGE_FIELDS):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
 
@@ -48,8 +48,8 @@ def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefiniti
     ]
     found = decode_answers(Column.of(messages), definition_)
     assert found["stamp"].tolist() == STAMPS
-    assert [found.view(FLAT)[name].tolist() for name in TOLD] == [
-        [number] * 3 for number in range(len(TOLD))
+    assert [found.view(FLAT)[name].tolist() for name in MESSAGE_FIELDS] == [
+        [number] * 3 for number in range(len(MESSAGE_FIELDS))
     ]
 
 
@@ -70,7 +70,7 @@ def test_every_definition_is_read_as_rosbags_does(
         )
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(text, TYPE))
-    values = {name: float(number) for number, name in enumerate(TOLD)}
+    values = {name: float(number) for number, name in enumerate(MESSAGE_FIELDS)}
     integers = {
         name: int(values[name]) for name in ("contact_state", "fidelity", "status", "evaluations")
     }
@@ -101,7 +101,7 @@ def test_fields_of_no_fixed_size_end_what_is_read() -> None:
     text = TEXT.replace("uint32 evaluations ", "uint32 evaluations\nstring words\nfloat64 later ")
     data = message(1, "tibia")
     (row,) = decode_answers(Column.of([data + b"\0" * 50]), described(text)).view(FLAT)
-    assert [row[name] for name in TOLD] == list(range(len(TOLD)))
+    assert [row[name] for name in MESSAGE_FIELDS] == list(range(len(MESSAGE_FIELDS)))
     with pytest.raises(ValueError, match="has no evaluations"):
         places_of(
             described(TEXT.replace("uint32 evaluations ", "string words\nuint32 evaluations "))
