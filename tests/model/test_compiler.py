@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import logging
+import math
+import multiprocessing
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import numba
 import pytest
 
-from tests import ROOT
+from knee_contact_ros.model import compiler
 
 CONSTANT = "FACTOR = 3.0\n"
 TOY = """
@@ -36,11 +39,9 @@ def run(knee: Pair, values, answers) -> None:
         answers[i] = pair.a + pair.b
 """
 USE = """
-import logging, sys
 import numpy as np
 import toy
 from knee_contact_ros.model import compiler
-logging.basicConfig(format="%(message)s")
 values, answers, plain = np.linspace(0.1, 9.7, 40), np.zeros(40), np.zeros(40)
 knee = toy.Pair(0.7, 2.9)
 toy.run(knee, values, plain)
@@ -74,24 +75,21 @@ class Folders:
         (self.model / "toy.py").write_text(TOY)
 
     def use(self, begin: str = "", **environment: str) -> Outcome:
-        """Compute by the toy model in a process of its own, which compares it with the plain one."""
-        kept = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"}
-        env = kept | {
-            "HOME": str(self.home),
-            "PYTHONPATH": f"{self.model}:{ROOT}",
-            "PYTHONDONTWRITEBYTECODE": "1",
-        }
-        done = subprocess.run(
-            [sys.executable, "-c", begin + USE],
-            capture_output=True,
-            text=True,
-            check=False,
-            env=env | environment,
+        """Compute by the toy model in a process of its own, which compares it with the plain one.
+
+        It is forked, as importing Numba takes longer than compiling the toy.
+        """
+        log = self.home / "log"
+        code = multiprocessing.get_context("fork").Process(
+            target=use, args=(self, begin + USE, environment, log)
         )
-        assert done.returncode == 0, done.stderr
-        said = done.stderr.splitlines()
+        code.start()
+        code.join()
+        said = log.read_text().splitlines()
+        assert code.exitcode == 0, said
+        answer = said.pop()
         warnings = [line for line in said if not line.startswith(COMPILES)]
-        return Outcome(done.stdout.strip(), len(warnings) < len(said), warnings)
+        return Outcome(answer, len(warnings) < len(said), warnings)
 
     def kept(self) -> list[Path]:
         """All files, complete or not."""
@@ -103,8 +101,24 @@ class Folders:
         ]
 
 
+def use(folders: Folders, program: str, environment: dict[str, str], log: Path) -> None:
+    """In a process of its own: run a program; what it says goes to a file."""
+    sys.stdout = sys.stderr = log.open("w", buffering=1)
+    logging.basicConfig(format="%(message)s", stream=sys.stderr, force=True)
+    os.environ.pop("XDG_CACHE_HOME", None)
+    os.environ.update(environment, HOME=str(folders.home))
+    sys.path.insert(0, str(folders.model))
+    exec(program, {})  # noqa: S102
+
+
+@pytest.fixture(scope="module")
+def warm() -> None:
+    """Have Numba compile something here, so that no forked process must set it up."""
+    numba.njit(lambda x: math.exp(x) * math.sin(x))(1.0)
+
+
 @pytest.fixture
-def folders(tmp_path: Path) -> Folders:
+def folders(tmp_path: Path, warm: None) -> Folders:
     return Folders(tmp_path)
 
 
@@ -131,12 +145,11 @@ def damage(path: Path) -> None:
 HARMS: list[Callable[[Path], object]] = [
     damage,
     lambda path: path.write_bytes(path.read_bytes()[:1000]),
-    lambda path: path.write_bytes(b""),
     lambda path: path.chmod(0o666),
     lambda path: path.symlink_to(path.rename(path.parents[3] / "home" / "elsewhere")),
     *[lambda path: os.chown(path, 12345, 12345)] * (os.geteuid() == 0),  # who is not root cannot
 ]
-"""Damage, a part, nothing, a file that others can write, a link, and one that belongs to another user"""
+"""Damage, a part, a file that others can write, a link, and one that belongs to another user"""
 
 
 def test_a_file_that_cannot_be_trusted_costs_one_warning(folders: Folders) -> None:
@@ -188,7 +201,7 @@ def test_on_a_full_disk_no_part_of_a_file_stays(folders: Folders) -> None:
     "begin",
     [
         "import sys; sys.modules['numba'] = None\n",
-        "import os; os.environ['NUMBA_DISABLE_JIT'] = '1'\n",
+        "import numba; numba.config.DISABLE_JIT = 1\n",
     ],
 )
 def test_without_numba_one_line_says_so(begin: str, folders: Folders) -> None:
