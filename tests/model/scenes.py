@@ -11,6 +11,7 @@ import numpy as np
 
 from knee_contact_ros.model import ticks
 from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import table
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
@@ -52,6 +53,13 @@ PAIRS = {
     "plateau": lambda: ContactPair(ellipse(80), plateau(), FORWARDS),
 }
 """Contact pairs of all kinds; a call builds one"""
+LAWS_ON_PAIRS = [
+    (law, pair)
+    for i, law in enumerate(CONTACT_LAWS)
+    for j, pair in enumerate(PAIRS)
+    if (i + j) % 3 == 0
+]
+"""Names of laws and pairs: each law on a few kinds of surfaces, each kind of surfaces under laws of each form"""
 
 
 def thrown(

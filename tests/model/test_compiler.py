@@ -14,8 +14,6 @@ from typing import NamedTuple
 import numba
 import pytest
 
-from knee_contact_ros.model import compiler
-
 CONSTANT = "FACTOR = 3.0\n"
 TOY = """
 import math
@@ -41,7 +39,6 @@ def run(knee: Pair, values, answers) -> None:
 USE = """
 import numpy as np
 import toy
-from knee_contact_ros.model import compiler
 values, answers, plain = np.linspace(0.1, 9.7, 40), np.zeros(40), np.zeros(40)
 knee = toy.Pair(0.7, 2.9)
 toy.run(knee, values, plain)

@@ -135,14 +135,14 @@ def test_after_a_change_no_answer_is_said_right_and_wrong(seed: int) -> None:
 def test_estimates_of_many_scenes_hold() -> None:
     """Scenes that nobody has chosen, and how often their estimates of depth and force hold: 99.9 % in the studies."""
     depth, force, ratios = [], [], []
-    for seed in range(3_000_000, 3_000_024):
+    for seed in range(3_000_000, 3_000_012):
         found = answered(draw(seed), "dynamic", 1e-6)
         covered(found)
         depth += found.depth.covered[found.depth.known].tolist()
         ratios += found.depth.ratio[found.depth.large & found.depth.known].tolist()
         assert found.force is not None
         force += found.force.covered[found.force.known].tolist()
-    assert min(len(depth), len(force)) > 2000
+    assert min(len(depth), len(force)) > 1000
     assert np.mean(depth) >= 0.99
     assert np.mean(force) >= 0.99
     assert 1.0 < np.median(ratios) < 30.0

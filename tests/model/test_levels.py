@@ -15,7 +15,7 @@ from knee_contact_ros.model.types import Fidelity, Status
 from tests.helpers.scenes import law, model
 from tests.model.scenes import PAIRS, ROUNDING, fast, hopping, signed, stepping, walking
 
-TOLERANCES = (1e-5, 1e-6, 1e-8)
+TOLERANCES = (1e-5, 1e-8)
 FINEST = 1e-11
 """Tolerance [m] of the dynamic run that stands for the exact solution"""
 SERIES = {

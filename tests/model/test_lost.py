@@ -54,13 +54,13 @@ def lost(series: Any) -> np.ndarray:
 
 def test_no_tick_takes_more_than_its_budget_and_one_that_would_says_so() -> None:
     given_up = 0
-    for _, knee, series in limits(tuple(CONTACT_LAWS), 90):
+    for _, knee, series in limits(tuple(CONTACT_LAWS), 45):
         assert series.evaluations.max() <= knee.budget
         said = series.status & Status.NOT_CONVERGED != 0
         assert said[1:][lost(series)].all()
         assert (said | (series.error_estimate <= knee.tolerance)).all()
         given_up += int(lost(series).sum())
-    assert given_up > 1000
+    assert given_up > 500
 
 
 def test_a_given_up_tick_is_answered_with_the_contact_at_rest() -> None:
@@ -77,7 +77,7 @@ def test_what_is_ok_after_a_given_up_tick_is_right() -> None:
     """Against the run without a limit, for laws whose damping makes the contact forget."""
     later, back, seen = 0, 0, 0
     for seed, knee, series in limits(
-        ("kelvin_voigt", "kelvin_voigt", "two_layer_viscoelastic"), 120, 5000
+        ("kelvin_voigt", "kelvin_voigt", "two_layer_viscoelastic"), 60, 5000
     ):
         exact = fast(replace(knee, budget=0, tolerance=0.01 * knee.tolerance)).run(
             *noisy(seed, 5000)
@@ -93,8 +93,8 @@ def test_what_is_ok_after_a_given_up_tick_is_right() -> None:
             seen += 1
             later += int(fine[int(np.argmax(lost(series))) + 1 :].sum())
             back += bool(fine[-1])
-    assert seen > 30
-    assert later > 10_000
+    assert seen > 15
+    assert later > 5_000
     assert (
         back > 0.5 * seen
     )  # loads of up to 8 kN end at once: a fall of seconds, and its landings
@@ -114,7 +114,7 @@ def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name: str) 
     assert seen > 0
 
 
-@pytest.mark.parametrize("seed", range(1_000_000, 1_000_020))
+@pytest.mark.parametrize("seed", range(1_000_000, 1_000_010))
 def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed: int) -> None:
     """Four changes of law, constants, mass, tolerance and level, with a budget and without, against the reference."""
     found = list(rows(seed))

@@ -10,7 +10,7 @@ from knee_contact_ros.model import statics
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.surfaces import touch
 from tests.helpers.scenes import BODY_WEIGHT, law, model
-from tests.model.scenes import PAIRS, ROUNDING
+from tests.model.scenes import LAWS_ON_PAIRS, PAIRS, ROUNDING
 
 FIRST_PEAK, SECOND_PEAK = 1.81 * BODY_WEIGHT, 2.19 * BODY_WEIGHT
 
@@ -64,9 +64,8 @@ def test_no_guess_is_too_far_and_no_load_is_none(name: str) -> None:
         assert statics.static_depth(rows, force, 1e-3, 0.0, statics.NO_LIMIT) == (0.0, 0)
 
 
-@pytest.mark.parametrize("kind", PAIRS)
-@pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_at_rest_the_normal_force_carries_the_load(kind: str, name: str) -> None:
+@pytest.mark.parametrize(("name", "kind"), LAWS_ON_PAIRS)
+def test_at_rest_the_normal_force_carries_the_load(name: str, kind: str) -> None:
     surfaces, rows = PAIRS[kind]().surfaces, law(name).rows
     height, depth, force, stiffness, damping, cosine, _ = statics.static_contact(
         surfaces, rows, 0.4, 900.0, statics.START_HEIGHT, 0.0, 0.0, statics.NO_LIMIT

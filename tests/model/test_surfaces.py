@@ -134,7 +134,7 @@ def compared(name: str, some: list[tuple[float, float, float]]) -> float:
 
 @any_pair
 def test_depth_and_contact_point_against_brute_force(name: str) -> None:
-    assert compared(name, poses(SCENES[name][0], 6 if "noisy" in name else 20)) < 1e-10
+    assert compared(name, poses(SCENES[name][0], 4 if "noisy" in name else 10)) < 1e-10
 
 
 @pytest.mark.parametrize(
@@ -201,8 +201,8 @@ def test_compiled_gives_the_same_bits() -> None:
             assert found_by(pair, angle, height) == pair.closest(angle, height)
 
 
-@pytest.mark.parametrize("angle", [-10.0, -2.0, 3.0, 10.0])
-@pytest.mark.parametrize("height", [1.0, 30.0, 0.01, -0.1])
+@pytest.mark.parametrize("angle", [-10.0, 3.0])
+@pytest.mark.parametrize("height", [30.0, 0.01, -0.1])
 def test_odd_poses_have_finite_answers(angle: float, height: float) -> None:
     for name in (
         "circle cup",
