@@ -111,9 +111,7 @@ def different_fields(folder: Path) -> list[str]:
     """Names of what `solve` of the walk `r.mcap` in a folder answers otherwise; `length` where it is too short."""
     recording = read_provenance(folder / "r.mcap")
     assert recording  # noqa: S101  (by `walk`)
-    solve(
-        folder / "r.mcap", recording, folder / "o.mcap", lambda _done, _total: None, compiled=False
-    )
+    solve(folder / "r.mcap", recording, folder / "o.mcap", compiled=False)
     live, again = (read_answers(folder / name) for name in ("r.mcap", "o.mcap"))
     for rows in (live, again):
         rows["status"] &= ~np.uint8(Status.INPUT_REJECTED)  # no refused sample is in a recording

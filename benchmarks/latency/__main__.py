@@ -45,10 +45,9 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.processes import Child
+from knee_contact_ros.system.progress import OnProgress, progress
 from knee_contact_ros.system.ros import private_graph
-from knee_contact_ros.system.terminal import progress
 
-Advance = Callable[[int, int], None]
 """Takes what is done and how much there is to do"""
 
 
@@ -83,7 +82,7 @@ def milliseconds(time: float) -> str:
 
 
 def turns(
-    driver: Driver, work: Path, rounds: int, advance: Advance
+    driver: Driver, work: Path, rounds: int, advance: OnProgress
 ) -> Iterator[tuple[int, str, Child]]:
     """Run all candidates round after round, each time another one first: the round's number, name and process.
 
@@ -157,7 +156,7 @@ class Line(NamedTuple):
 
 
 def compare(
-    driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: Advance
+    driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: OnProgress
 ) -> list[Part]:
     """Run all candidates at `rate` [Hz] for `duration` [s] per round."""
     parts = []
@@ -343,7 +342,7 @@ def attempt_at(driver: Driver, node: Child, name: str, number: int, rate: float)
     )
 
 
-def find_rates(driver: Driver, work: Path, rounds: int, advance: Advance) -> list[Step]:
+def find_rates(driver: Driver, work: Path, rounds: int, advance: OnProgress) -> list[Step]:
     """Search the rates of all candidates, round after round."""
     steps: list[Step] = []
     for number, name, node in turns(driver, work, rounds, advance):
@@ -419,7 +418,7 @@ class Moment(NamedTuple):
 
 
 def run_long(
-    driver: Driver, work: Path, rate: float, ticks: int, advance: Advance
+    driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgress
 ) -> list[Moment]:
     """Run the node for a number of ticks at `rate` [Hz]; its recording, which must be complete, is in `work / "node"`.
 
@@ -505,7 +504,7 @@ def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, 
     )
 
 
-def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> Page:
+def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgress) -> Page:
     """Make the long run, and compute its recording again."""
     moments = run_long(driver, work, rate, ticks, advance)
     offline = work / "offline.mcap"

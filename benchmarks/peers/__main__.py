@@ -16,7 +16,7 @@ from benchmarks.peers import measure, ours, page, picture
 from benchmarks.peers.problems import EVENTFUL, SMOOTH, find_problems
 from benchmarks.report import machine, table
 from knee_contact_ros.system.files import not_installed
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.progress import progress
 
 
 def chosen_solvers(names: tuple[str, ...]) -> tuple[list[measure.Entry], list[str]]:

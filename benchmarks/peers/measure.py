@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.problems import Problem, exact_depth
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 WHOLE, LOOP, STREAM = "whole", "loop", "stream"
 """Modes of a run: all samples known; one after another, in the tool's loop or a compiled one; when each arrives"""
@@ -269,7 +270,7 @@ def measure(
     problems: Sequence[Problem],
     entries: Sequence[Entry],
     turns: int,
-    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
 ) -> list[Row]:
     """Measure all rows, in turns; `advance` is called with the steps done and their number.
 

@@ -48,6 +48,7 @@ from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.streams.topics import NO_DEFINITION
 from knee_contact_ros.system.files import open_regular
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 MESSAGE_OPCODE, SCHEMA, CHANNEL = int(Opcode.MESSAGE), int(Opcode.SCHEMA), int(Opcode.CHANNEL)
 HOLE, PRIVATE = 0, 0x80
@@ -80,7 +81,6 @@ NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
 """Schema of a channel that has none"""
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 """Format of a definition by the encoding of its schema"""
-Advance = Callable[[int, int], None]
 """Function that is called with the progress: work done, and work in all"""
 
 
@@ -260,7 +260,7 @@ class Records:
 class McapFile(File):
     """Checked MCAP file: its readable content, and its faults."""
 
-    def __init__(self, path: Path, advance: Advance = lambda _done, _total: None) -> None:
+    def __init__(self, path: Path, advance: OnProgress = no_progress) -> None:
         """Check the file; `advance` is called with the progress in bytes.
 
         Raises:

@@ -11,7 +11,7 @@ import re
 import sqlite3
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -61,6 +61,7 @@ from knee_contact_ros.system.files import (
     read_yaml,
     split_rule,
 )
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""
@@ -339,7 +340,7 @@ def answer_topics(path: Path) -> list[str]:
 
 
 def answer_blocks(
-    path: Path, topic: str = f"/{KNEE_CONTACT}", advance: Callable[[int, int], None] | None = None
+    path: Path, topic: str = f"/{KNEE_CONTACT}", advance: OnProgress = no_progress
 ) -> Iterator[Rows]:
     """Answers of a recording in blocks, in the order of log time.
 
@@ -371,8 +372,7 @@ def answer_blocks(
                 ) from None
             yield answers
             done += len(answers)
-            if advance:
-                advance(done, reader.count)
+            advance(done, reader.count)
 
 
 def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:

@@ -12,11 +12,12 @@ from typing import NamedTuple
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
-from knee_contact_ros.bags.mcap_file import Advance, McapFile
+from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.reader import MCAP, kind_of
 from knee_contact_ros.bags.recorder import CHUNK_SIZE, LIBRARY, ROSBAG2
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.output_files import check_not_input, is_being_written, rename_new
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""
@@ -59,7 +60,7 @@ class Recovery(NamedTuple):
 def recover(
     source: Path,
     output: Path,
-    advance: Advance = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
     overwrite: bool = False,
 ) -> Recovery:
     """Write the readable content of `source` to `output`.
@@ -107,7 +108,7 @@ def recover(
     return Recovery(topics, times, file.size, file.unread, file.faults)
 
 
-def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> McapFile:
+def _opened(source: Path, output: Path, overwrite: bool, advance: OnProgress) -> McapFile:
     """Open the file, unless it cannot be recovered or the output must not be written."""
     if not source.is_file():
         reason = (
@@ -147,7 +148,7 @@ def _topics(file: McapFile) -> list[TopicCount]:
     ]
 
 
-def _write(partial: Path, file: McapFile, advance: Callable[[int], None]) -> None:
+def _write(partial: Path, file: McapFile, advance: Callable[[int], object]) -> None:
     """Write the readable content of a file to `partial`."""
     first = next(
         (segment.compression for segment in file.segments if segment.compression is not None),

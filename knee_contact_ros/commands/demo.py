@@ -57,8 +57,9 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require, share_folder
 from knee_contact_ros.system.output_files import partial_name, replace, work_folder
 from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
+from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, private_graph
-from knee_contact_ros.system.terminal import progress, warn
+from knee_contact_ros.system.terminal import warn
 from knee_contact_ros.view.output import (
     NOT_INSTALLED,
     has_screen,
@@ -460,9 +461,8 @@ def assisted_rows(
         bag,
         load_parameters([load, {"knee.assisted": False}], LoadParameters),
         loads,
-        lambda *_: None,
     )
-    alone = solve(loads, parameters, None, lambda *_: None).peaks["contact_force"].contact_force
+    alone = solve(loads, parameters, None).peaks["contact_force"].contact_force
     return {
         "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
         "largest contact": f"{alone:.1f} N without assistance, {most:.1f} N with it",

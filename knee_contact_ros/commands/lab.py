@@ -404,7 +404,8 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     from knee_contact_ros.offline.notebooks import answers_of
     from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
     from knee_contact_ros.system.output_files import check_not_input, check_writable
-    from knee_contact_ros.system.terminal import progress, say, warn
+    from knee_contact_ros.system.progress import progress
+    from knee_contact_ros.system.terminal import say, warn
 
     require("trade", "matplotlib")
     check_writable(picture)

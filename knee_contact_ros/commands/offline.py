@@ -101,7 +101,8 @@ def solve(
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
-    from knee_contact_ros.system.terminal import progress, warn
+    from knee_contact_ros.system.progress import progress
+    from knee_contact_ros.system.terminal import warn
 
     person = Subject(subject) if subject else None
     bags = bags or ((person.bag,) if person and person.bag else ())
@@ -160,7 +161,8 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     from knee_contact_ros.offline.solve import weight_doubt
     from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.errors import join_faults
-    from knee_contact_ros.system.terminal import progress, warn
+    from knee_contact_ros.system.progress import progress
+    from knee_contact_ros.system.terminal import warn
 
     parameters, without, doubts = load_parameters_for(
         bag, given.files(None), given.values(), in_bag.namespace
@@ -189,7 +191,7 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     """
     from knee_contact_ros.bags.recover import recover as recover_file
     from knee_contact_ros.commands.tables import show_recovery
-    from knee_contact_ros.system.terminal import progress
+    from knee_contact_ros.system.progress import progress
 
     with progress("Recovering") as advance:
         recovery = recover_file(source, output, advance, overwrite)

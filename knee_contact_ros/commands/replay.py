@@ -34,8 +34,9 @@ from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import one_line_ros_errors
-from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.system.terminal import say
 
 QOS = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -35,7 +35,8 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import check_distinct
 from knee_contact_ros.system.output_files import check_name_free, check_not_input
 from knee_contact_ros.system.processes import LOCALHOST, check_port_free, interrupted_by_sigterm
-from knee_contact_ros.system.terminal import progress, say, warn
+from knee_contact_ros.system.progress import OnProgress, progress
+from knee_contact_ros.system.terminal import say, warn
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
 from knee_contact_ros.view.output import (
     RerunFile,
@@ -248,7 +249,7 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
 
 
 def _answers_of(
-    knee: RecordedKnee, advance: Callable[[int, int], None]
+    knee: RecordedKnee, advance: OnProgress
 ) -> Iterator[tuple[Sequence[Change], Rows]]:
     """Yield blocks of answers, each with the changes of the node right before it; for `advance` see `answer_blocks`.
 

@@ -48,7 +48,8 @@ from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
-from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import say
 
 if TYPE_CHECKING:
     import pandas as pd

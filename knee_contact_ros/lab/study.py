@@ -74,7 +74,8 @@ from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import expand_user, read_mapping
-from knee_contact_ros.system.terminal import progress, say, warn
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import say, warn
 
 Values = dict[str, Any]
 S = TypeVar("S", bound="Study")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -44,6 +44,7 @@ from knee_contact_ros.streams.gait_events import GAP
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -208,7 +209,7 @@ def read_recording(
     basis: Parameters | Provenance,
     texts: Mapping[str, str],
     names: Names = OWN_NAMES,
-    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
     *,
     compiled: bool | None = None,
 ) -> tuple[Recording, tuple[Rows, ...]]:

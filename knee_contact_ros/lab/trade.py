@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -25,6 +24,7 @@ from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import write_complete
+from knee_contact_ros.system.progress import OnProgress, no_progress
 from knee_contact_ros.system.terminal import WIDTH, safe_cell, say
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
@@ -76,7 +76,7 @@ class Trade(NamedTuple):
 def measure(
     results: Results,
     worth: float | None = None,
-    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
 ) -> Trade:
     """Compute the samples of `results` (of `solve`) again at every setting.
 

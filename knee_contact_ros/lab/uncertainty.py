@@ -37,7 +37,7 @@ from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError, suggest
 from knee_contact_ros.system.files import expand_user, read_mapping
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.progress import OnProgress, no_progress, progress
 
 STREAMS = {
     "flexion_angle": ("angles", "rad"),
@@ -220,7 +220,7 @@ def propagated(
     basis: Parameters | Provenance,
     sizes: Mapping[str, Any] | Name,
     names: Names = OWN_NAMES,
-    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
     *,
     compiled: bool | None = None,
     tell: Callable[[Recording], object] = id,

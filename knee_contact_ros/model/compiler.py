@@ -109,7 +109,7 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
     if not any(
         _done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)
     ):
-        from knee_contact_ros.system.terminal import announce
+        from knee_contact_ros.system.progress import announce
 
         with announce(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
             compile_twin(made, types)

@@ -27,6 +27,7 @@ from knee_contact_ros.parameters.schema import LoadParameters, PersonSection
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(Estimate).items()])
 """Type of a stamp [ns] and an estimate as a row"""
@@ -100,7 +101,7 @@ def estimate_load(
     bag: Path,
     parameters: LoadParameters,
     output: Path | None,
-    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
     overwrite: bool = False,
     names: Names = OWN_NAMES,
     keep: Callable[[LoadPipeline], object] | None = None,
@@ -160,9 +161,7 @@ def _rows(
         yield pipeline.sensed.stamp, *pipeline.estimate
 
 
-def _answers(
-    inputs: BagInputs, pipeline: LoadPipeline, advance: Callable[[int, int], None]
-) -> Iterator[Answer]:
+def _answers(inputs: BagInputs, pipeline: LoadPipeline, advance: OnProgress) -> Iterator[Answer]:
     """Answers to all messages of a bag, one by one; `advance` is called after each block."""
     take, done = (pipeline.joint_state, pipeline.force), 0
     for block in inputs.blocks(MESSAGES_PER_ADVANCE):

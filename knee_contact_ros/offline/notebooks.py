@@ -30,7 +30,7 @@ from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.files import expand_user
 from knee_contact_ros.system.output_files import check_output
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.progress import progress
 
 Name = str | PathLike[str]
 EXAMPLES = {"values": "{'contact.damping': 0.0}", "remap": "{'joint_states': '/exo/joint_states'}"}

@@ -59,6 +59,7 @@ from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, find_file, read_mapping
 from knee_contact_ros.system.output_files import check_not_input
+from knee_contact_ros.system.progress import OnProgress, no_progress
 
 SAME_WEIGHT = 0.01
 """Largest relative difference of body weights that count as equal"""
@@ -74,7 +75,7 @@ def solve(
     bag: Path,
     basis: Parameters | Provenance,
     output: Path | None,
-    advance: Callable[[int, int], None] = lambda _done, _total: None,
+    advance: OnProgress = no_progress,
     overwrite: bool = False,
     names: Names = OWN_NAMES,
     *,

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.progress import progress
 from studies.fuzz_bags.bags import CHUNK, TICKS
 from studies.fuzz_bags.judge import BAD, GOOD, LIMIT, SAID, Verdict, run
 

@@ -13,7 +13,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.view import picture
-from tests.offline.test_solve import make_bag, silent
+from tests.offline.test_solve import make_bag
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")
 
@@ -24,7 +24,7 @@ from knee_contact_ros.commands.demo import draw_peak
 def drawn(bag: Path, source: Any, folder: Path) -> str:
     """Title of the picture `knee.png` of a bag, which is computed first."""
     parameters = load_parameters(source)
-    solve(bag, parameters, folder / "knee.mcap", silent)
+    solve(bag, parameters, folder / "knee.mcap")
     return draw_peak(
         folder / "knee.mcap", build_model(parameters), parameters, folder / "knee.png"
     )

@@ -154,7 +154,7 @@ def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def estimated(walking: Path) -> Path:
     """What is made of it with all that it tells."""
     output = walking.with_name("load.mcap")
-    estimate_load(walking, load_parameters(WHOLE_LEG, LoadParameters), output, lambda *_: None)
+    estimate_load(walking, load_parameters(WHOLE_LEG, LoadParameters), output)
     return output
 
 

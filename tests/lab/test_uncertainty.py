@@ -24,7 +24,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
-from tests.offline.test_solve import make_bag, silent
+from tests.offline.test_solve import make_bag
 
 HEALTHY: dict[str, Any] = {}
 DISPLACED = {"drive": "displacement"}
@@ -150,7 +150,7 @@ def short_bag(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_arguments(
     short_bag: Path, tmp_path: Path
 ) -> None:
-    solve(short_bag, load_parameters("mri_femur"), tmp_path / "out.mcap", silent)
+    solve(short_bag, load_parameters("mri_femur"), tmp_path / "out.mcap")
     provenance = read_provenance(tmp_path / "out.mcap")
     assert provenance is not None
     with pytest.raises(UsageError, match="its parameters changed, or the model was reset"):

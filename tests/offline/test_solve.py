@@ -27,10 +27,6 @@ from knee_contact_ros.system.errors import UsageError
 OUTPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
 
 
-def silent(_done: int, _total: int) -> None:
-    """No progress bar."""
-
-
 def make_bag(
     path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None
 ) -> Path:

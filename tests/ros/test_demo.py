@@ -101,7 +101,7 @@ def test_two_demos_at_once_give_what_solve_gives(
         assert (folder / "knee.png").read_bytes().startswith(b"\x89PNG")
     else:
         assert "No picture: matplotlib is not installed; " in output
-    solve(right_bag, load_parameters(config / knee), tmp_path / "solved.mcap", lambda *_: None)
+    solve(right_bag, load_parameters(config / knee), tmp_path / "solved.mcap")
     assert recorded(tmp_path / "solved.mcap") == recorded(folder / "recording")
     torque = re.search(r"assist torque +([0-9.]+) N m, lowered to ([0-9.]+) N m", output)
     assert torque

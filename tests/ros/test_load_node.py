@@ -93,17 +93,13 @@ def arguments(values: dict[str, Any]) -> list[str]:
     return [word for name, value in said.items() for word in ("-p", f"{name}:={value}")]
 
 
-def silent(_done: int, _total: int) -> None:
-    """No progress bar."""
-
-
 def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:
     """What `estimate-load` makes of them."""
     bag, output = (
         walking_bag(folder / "offline" / "walk.mcap", messages),
         folder / "offline" / "load.mcap",
     )
-    estimate_load(bag, load_parameters(values, LoadParameters), output, silent)
+    estimate_load(bag, load_parameters(values, LoadParameters), output)
     return output
 
 
@@ -137,7 +133,7 @@ def test_live_messages_are_those_of_estimate_load(
     ]
     assert raw(recording, LOAD_RECORDED) == raw(expected, LOAD_RECORDED)
     again = tmp_path / "again.mcap"
-    estimate_load(recording, load_parameters(values, LoadParameters), again, silent)
+    estimate_load(recording, load_parameters(values, LoadParameters), again)
     assert raw(again, LOAD_RECORDED) == raw(recording, LOAD_RECORDED)
 
 
@@ -240,7 +236,7 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     leg.wait_until(lambda: len(leg.contacts) == 60)
     loads = offline(tmp_path, WALK, WHOLE_LEG)
     assert leg.heard[ESTIMATE] == told(loads, ESTIMATE)
-    solve(loads, load_parameters({}), tmp_path / "contact.mcap", silent)
+    solve(loads, load_parameters({}), tmp_path / "contact.mcap")
     answers = answers_in(tmp_path / "contact.mcap")
     assert leg.contacts[:20] == answers[:20]
     assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]

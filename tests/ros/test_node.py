@@ -254,7 +254,7 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(
     found, topics = read_provenance(recording), recorded_topics(has_both=True)
     assert found is not None
     assert found.parameters.lateral.contact.stiffness == found.parameters.contact.stiffness
-    solve(recording, found, redone, lambda _done, _total: None)
+    solve(recording, found, redone)
     assert raw(recording, topics) == raw(redone, topics)
     assert (
         len(raw(recording, topics)) == 5 * TICKS + 1 + 15

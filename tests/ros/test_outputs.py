@@ -232,7 +232,7 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(
     how = read_provenance(tmp_path / "knee_snapshot_1.mcap")
     assert how is not None
     assert (how.ticks_before, how.changes) == (240, (Change(60, None),))
-    solve(tmp_path / "knee_snapshot_1.mcap", how, tmp_path / "again.mcap", lambda *_: None)
+    solve(tmp_path / "knee_snapshot_1.mcap", how, tmp_path / "again.mcap")
     live, again = (
         read_answers(tmp_path / name) for name in ("knee_snapshot_1.mcap", "again.mcap")
     )

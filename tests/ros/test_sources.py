@@ -123,11 +123,9 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
     node.stop()
     bag = bag_of(tmp_path / "bag.mcap", topics)
     if kind != "node":
-        estimate_load(
-            bag, load_parameters(robot, LoadParameters), tmp_path / "load.mcap", lambda *_: None
-        )
+        estimate_load(bag, load_parameters(robot, LoadParameters), tmp_path / "load.mcap")
         bag = tmp_path / "load.mcap"
-    solve(bag, load_parameters(robot), offline, lambda *_: None)
+    solve(bag, load_parameters(robot), offline)
     assert answers(live) == answers(offline)
     assert len(answers(live)) == len(STAMPS)
 

@@ -30,7 +30,7 @@ SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
 def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Gait, solved."""
     path = tmp_path_factory.mktemp("layouts") / "gait.mcap"
-    solve(right_bag, load_parameters([config / "healthy.yaml"]), path, lambda _done, _total: None)
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), path)
     return path
 
 

@@ -32,7 +32,7 @@ def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFa
     """The right leg's gait in an osteoarthritic knee, whose name Rerun does not take as it is."""
     path = tmp_path_factory.mktemp("direct") / "gait 2354.right.mcap"
     parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
-    solve(right_bag, parameters, path, lambda _done, _total: None)
+    solve(right_bag, parameters, path)
     return path
 
 

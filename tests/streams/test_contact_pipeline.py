@@ -169,9 +169,7 @@ def test_a_recording_of_both_is_computed_again_from_itself(
     parameters = load_parameters(
         ["healthy", "both_compartments", {"lateral.contact.damping": 900.0}]
     )
-    summary = solve(
-        right_bag, parameters, tmp_path / "one.mcap", lambda _done, _total: None, compiled=True
-    )
+    summary = solve(right_bag, parameters, tmp_path / "one.mcap", compiled=True)
     assert summary.lateral is not None
     assert summary.lateral.ticks == summary.ticks == 387
     provenance = read_provenance(tmp_path / "one.mcap")
@@ -181,7 +179,6 @@ def test_a_recording_of_both_is_computed_again_from_itself(
         tmp_path / "one.mcap",
         provenance,
         tmp_path / "two.mcap",
-        lambda _done, _total: None,
         compiled=True,
     )
     one, two = (

@@ -18,7 +18,7 @@ from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF
 @pytest.fixture(scope="module")
 def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("leg") / "out.mcap"
-    solve(right_bag, load_parameters(["healthy"]), path, lambda *_: None)
+    solve(right_bag, load_parameters(["healthy"]), path)
     return path
 
 

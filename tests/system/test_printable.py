@@ -50,7 +50,7 @@ def test_what_is_told_has_no_escape_codes(
 
 
 PROGRAM = """
-from knee_contact_ros.system.terminal import progress
+from knee_contact_ros.system.progress import progress
 
 with progress("\x1b]0;mine\x07[/red]") as advance:
     for done in range(1, 300_001):

@@ -23,7 +23,7 @@ def osteoarthritic(
     """A recording of the osteoarthritic knee with its MRI profile."""
     path = tmp_path_factory.mktemp("recordings") / "osteoarthritic.mcap"
     parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
-    solve(right_bag, parameters, path, lambda *_: None)
+    solve(right_bag, parameters, path)
     return path
 
 

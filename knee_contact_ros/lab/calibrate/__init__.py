@@ -44,7 +44,8 @@ from knee_contact_ros.system.output_files import (
     check_writable,
     write_complete,
 )
-from knee_contact_ros.system.terminal import progress, safe_cell, say, show_table, warn
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
 
 UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""

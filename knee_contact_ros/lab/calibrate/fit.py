@@ -38,6 +38,7 @@ from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import all_values, known_parameters
 from knee_contact_ros.parameters.schema import Declaration, NodeSection
 from knee_contact_ros.system.errors import UsageError, suggest
+from knee_contact_ros.system.progress import OnProgress
 
 Free = Mapping[str, Sequence[float] | None] | Iterable[str]
 """Names of parameters, or a mapping of names to the ends of narrower ranges"""
@@ -473,7 +474,7 @@ def fitted(
     loss: str,
     given: Mapping[str, float],
     starts: int,
-    advance: Callable[[int, int], None],
+    advance: OnProgress,
 ) -> Fit:
     """Find the best fit.
 
@@ -537,9 +538,7 @@ class Interval(NamedTuple):
         )
 
 
-def intervals(
-    fit: Fit, level: float, advance: Callable[[int, int], None]
-) -> tuple[list[Interval], Floats | None]:
+def intervals(fit: Fit, level: float, advance: OnProgress) -> tuple[list[Interval], Floats | None]:
     """Compute the interval of each parameter.
 
     Args:

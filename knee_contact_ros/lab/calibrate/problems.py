@@ -48,6 +48,7 @@ from knee_contact_ros.streams.topics import (
     NANOSECONDS,
 )
 from knee_contact_ros.system.errors import UsageError, join_faults, suggest
+from knee_contact_ros.system.progress import OnProgress
 
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = (
     "time",
@@ -346,7 +347,7 @@ def referenced(
     bags: Sequence[Path],
     parameters: LoadParameters,
     names: Names,
-    advance: Callable[[int, int], None],
+    advance: OnProgress,
 ) -> Referenced:
     """Read bags of a person; leave out samples that are flagged or have no reference at their stamps.
 

@@ -28,7 +28,8 @@ from knee_contact_ros.lab.tables import Table as StorageTable
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import work_folder
-from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import say
 
 LOADS = "external_loads_file"
 

@@ -30,7 +30,7 @@ from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 from knee_contact_ros.system.processes import python_module, running
-from knee_contact_ros.system.terminal import Bar
+from knee_contact_ros.system.progress import Bar
 
 XML = ".xml"
 NOTHING = {"", "Unassigned", "unassigned"}

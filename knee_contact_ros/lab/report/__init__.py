@@ -22,7 +22,8 @@ from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import install_command
 from knee_contact_ros.system.output_files import replace, work_folder
-from knee_contact_ros.system.terminal import progress, warn
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import warn
 
 OLDEST = (3, 7)
 """Oldest version of matplotlib that puts legends outside of axes; Ubuntu 24.04 has 3.6"""

@@ -61,7 +61,7 @@ from knee_contact_ros.streams.topics import (
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import check_distinct, parameter_file
-from knee_contact_ros.system.terminal import Bar
+from knee_contact_ros.system.progress import Bar
 
 Source = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""

@@ -25,7 +25,6 @@ from tests.helpers.needs import needs_opensim
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
 from tests.lab.opensim.test_leg import TOPICS
-from tests.offline.test_solve import silent
 
 pytestmark = needs_opensim
 
@@ -328,7 +327,6 @@ def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[
         bag,
         parameters,
         output,
-        silent,
         keep=lambda stream: estimates.update({stream.sensed.stamp: stream.estimate}),
     ), estimates
 

@@ -23,7 +23,6 @@ from tests.lab.opensim.storages import (
     write_model,
     write_storage,
 )
-from tests.offline.test_solve import silent
 
 
 @pytest.fixture
@@ -64,7 +63,7 @@ def test_a_bag_comes_out_that_solve_takes(
     assert (messages[0].topic, messages[1].topic) == ("/joint_states", "/joint_reaction_force")
     assert list(messages[0].message.name) == ["knee"]
     assert messages[1].message.header.frame_id == "tibia_r"
-    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (241, 0, 0)
     assert summary.peaks["load"].load == pytest.approx(900.0, rel=1e-9)
 

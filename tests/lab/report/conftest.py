@@ -8,7 +8,6 @@ import pytest
 
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from tests.offline.test_solve import silent
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +25,5 @@ def recording(
         bags[0],
         load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]),
         path,
-        silent,
     )
     return path

@@ -24,7 +24,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.view.picture import drawn
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
-from tests.offline.test_solve import make_bag, silent
+from tests.offline.test_solve import make_bag
 
 pytest.importorskip(
     "matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7"
@@ -370,7 +370,7 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(
 def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], tmp_path: Path) -> None:
     """Solved for the report, and as a recording says it itself."""
     recording, out = tmp_path / "knee.mcap", tmp_path / "out"
-    solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording, silent)
+    solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording)
     pulled = make_bag(
         tmp_path / "pulled.mcap", [(i * 10_000_000, 0.1, -800.0) for i in range(121)]
     )
@@ -392,7 +392,7 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path: Path
         rows,
         heights=0.0335 - 3e-4 * np.sin(0.05 * np.arange(100.0)) ** 2,
     )
-    solve(bag, load_parameters({"drive": "displacement"}), tmp_path / "height.mcap", silent)
+    solve(bag, load_parameters({"drive": "displacement"}), tmp_path / "height.mcap")
     (tmp_path / "sd.yaml").write_text("contact.stiffness: 20 %\n")
     asked = [
         "report",

@@ -1,0 +1,110 @@
+"""How far slow work has come: callbacks that tell it, and bars on the terminal (none in a pipe).
+
+Rich is imported when a bar is made: rooms that only call back need not load it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING
+
+from knee_contact_ros.system.errors import printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+OnProgress = Callable[[int, int], object]
+"""Function of (done, total) that is called while work goes on"""
+_UPDATE_PERIOD = 0.05
+"""Time [s] between two updates of a bar: an update takes about 20 µs, longer than many messages"""
+
+
+def no_progress(_done: int, _total: int) -> None:
+    """Show nothing: the `OnProgress` of work that nobody watches."""
+
+
+class Bar:
+    """The `OnProgress` of a bar on the terminal."""
+
+    def __init__(self, bar: Progress, what: str) -> None:
+        """Add a task, described by `what`, to a bar of Rich."""
+        self._bar = bar
+        self.what = what
+        """Current description"""
+        self._task = bar.add_task(printable(what), total=None)
+        self._next_update = 0.0 if not bar.disable else math.inf
+
+    def __call__(self, done: int, total: int) -> None:
+        """Update the bar, unless it has just been updated; the last step is always shown."""
+        now = time.monotonic()
+        if now >= self._next_update or (done == total and self._next_update < math.inf):
+            self._next_update = now + _UPDATE_PERIOD
+            self._bar.update(self._task, completed=done, total=total)
+
+    def describe(self, what: str) -> None:
+        """Change the description of the bar."""
+        self.what = what
+        self._bar.update(self._task, description=printable(what))
+
+
+_SHOWN_BAR: ContextVar[Bar | None] = ContextVar("bar", default=None)
+"""Bar that is now on the terminal"""
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Bar]:
+    """Show a bar on the terminal, and nothing in a pipe; yield the function that updates it."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    description = TextColumn("{task.description}", markup=False)
+    columns = (description, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    # Rich 13.7 ends a hidden bar with an empty line.
+    console.quiet = hidden
+    with Progress(*columns, console=console, disable=hidden, transient=True) as bar:
+        # A process that Ctrl-Z stops would leave the terminal without a cursor.
+        console.show_cursor(True)
+        update = Bar(bar, what)
+        token = _SHOWN_BAR.set(None if hidden else update)
+        try:
+            yield update
+        finally:
+            _SHOWN_BAR.reset(token)
+
+
+@contextmanager
+def announce(what: str) -> Iterator[None]:
+    """Announce slow work on stderr: in the bar on the terminal, else with a clock; in a pipe as a line."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from knee_contact_ros.system.terminal import say
+
+    console = Console(stderr=True)
+    if bar := _SHOWN_BAR.get():
+        before = bar.what
+        bar.describe(what)
+        yield
+        bar.describe(before)
+    elif console.is_terminal:
+        description = TextColumn("{task.description}", markup=False)
+        columns = (SpinnerColumn(), description, TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as clock:
+            console.show_cursor(True)
+            clock.add_task(printable(what), total=None)
+            yield
+    else:
+        say(what, err=True)
+        yield
