@@ -33,7 +33,7 @@ from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import GROUPS
 from knee_contact_ros.commands.options import FILE
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status, byte
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status, byte_offset
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import has_both
@@ -49,7 +49,7 @@ from tests.ros.conftest import NodeProcess, Peer, call, set_parameters
 
 PATIENCE = 20.0
 """Time [s] after which a command that does not end is stopped"""
-STATUS = byte("status")
+STATUS = byte_offset("status")
 """Place of the status among the bytes of an answer"""
 LONGEST = 10.0
 """Longest time [s] of a refusal, Python's start and a busy machine included"""

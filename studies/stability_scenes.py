@@ -17,7 +17,7 @@ from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
 from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane, Plateau, Profile
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.model.types import NANOSECOND, Fidelity, blank
+from knee_contact_ros.model.types import NANOSECOND, Fidelity, blank_answers
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from studies.ellipse import Ellipse, SmoothFemur
 
@@ -179,7 +179,7 @@ def run(
     state[[ticks.BEGUN, ticks.ANGLE, ticks.LOAD]] = 1.0, scene.angle[0], scene.load[0]
     state[[ticks.HEIGHT, ticks.VELOCITY]] = height, -scene.thrown
     state[[ticks.TRY_STEP, ticks.IMPACT]] = math.inf, math.nan
-    answers = blank(len(scene.time))
+    answers = blank_answers(len(scene.time))
     start = answers[:1]
     start["flexion_angle"], start["load"], start["fidelity"] = (
         scene.angle[0],

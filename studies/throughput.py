@@ -26,7 +26,7 @@ from benchmarks.latency.driver import samples
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.recorder import CHUNK_SIZE, BagWriter
-from knee_contact_ros.model.types import blank
+from knee_contact_ros.model.types import blank_answers
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
@@ -117,7 +117,7 @@ def with_answers(message: Message) -> list[Message]:
 
 def prepared() -> list[tuple[str, bytes]]:
     """An answer and its wrench, serialised, with their topics."""
-    row, frame = blank(1).tobytes(), "tibia_r"
+    row, frame = blank_answers(1).tobytes(), "tibia_r"
     wrench = encode_answer_wrench(0, frame, row)
     return [
         (f"/{KNEE_CONTACT}", encode_answer(0, frame, row)),

@@ -116,10 +116,10 @@ class Bytes:
 
 def prepared() -> tuple[bytes, bytes]:
     """Serialise a contact and its wrench, stamped 0."""
-    from knee_contact_ros.model.types import blank
+    from knee_contact_ros.model.types import blank_answers
     from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
 
-    row = blank(1).tobytes()
+    row = blank_answers(1).tobytes()
     return encode_answer(0, "tibia_r", row), encode_answer_wrench(0, "tibia_r", row)
 
 

@@ -31,14 +31,14 @@ from knee_contact_ros.lab.tables import (
 )
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.model.types import EXTENDS, FLEXES, Floats, Stamps
+from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 
 Range = tuple[float, float]
 LARGEST_RADIANS = 3.5
 """No knee reaches this angle in rad; a range in deg below it could also be in rad"""
-EXTENDED, BENT, FOLDED = math.degrees(EXTENDS), 90.0, 160.0
+EXTENDED, BENT, FOLDED = math.degrees(MIN_FLEXION), 90.0, 160.0
 """Flexion [deg]: never less; less at some time in every step; never more under load"""
 SPIKE, ALONE = 1.5, 2.0
 """A row is a spike if it exceeds both neighbours by this load [BW], and by this factor"""
@@ -111,10 +111,10 @@ def sign_of(
     if not sign:
         raise UsageError(f"{span}: which sign is flexion? Give --angle-sign 1 or -1, or --model")
     lowest, highest = (low, high) if sign > 0 else (-high, -low)
-    if lowest < EXTENDS or highest > FLEXES:
+    if lowest < MIN_FLEXION or highest > MAX_FLEXION:
         raise UsageError(
             f"{span}; with sign {sign:+d} that is {math.degrees(lowest):.1f} to {math.degrees(highest):.1f} deg of "
-            f"flexion, and a knee has {math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}: "
+            f"flexion, and a knee has {math.degrees(MIN_FLEXION):.0f} to {math.degrees(MAX_FLEXION):.0f}: "
             "see --angle-sign and --angle-unit"
         )
     return sign

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knee_contact_ros.model.types import EXTENDS, FLEXES, NANOSECOND, Floats, Integers
+from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Integers
 
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
 """Number of ticks and time [s] after which a wrong sign, or a missing load, cannot be a swing phase"""
@@ -103,7 +103,7 @@ class Inputs:
             min(self.least, float(angles.min())),
             max(self.most, float(angles.max())),
         )
-        self.outside += int(np.count_nonzero((angles < EXTENDS) | (angles > FLEXES)))
+        self.outside += int(np.count_nonzero((angles < MIN_FLEXION) | (angles > MAX_FLEXION)))
         self.overloaded += int(np.count_nonzero(loads > self.limit))
         bent, straight = angles > SWINGS, angles < STRAIGHT
         self._bent += int(np.count_nonzero(bent))
@@ -148,9 +148,9 @@ class Inputs:
             and -self.least >= TIMES_MORE * self.most
             and self.most < CLEAR
         ):
-            hint = ", and is it in degrees instead of radians" if self.least < -FLEXES else ""
+            hint = ", and is it in degrees instead of radians" if self.least < -MAX_FLEXION else ""
             return f"{span}, which is extension: is its sign the other one ({self.names}sign -1){hint}?"
-        mirrored = math.pi - self.most >= EXTENDS and math.pi - self.least <= FLEXES
+        mirrored = math.pi - self.most >= MIN_FLEXION and math.pi - self.least <= MAX_FLEXION
         if (
             self._long
             and mirrored
@@ -163,12 +163,16 @@ class Inputs:
                 f"({self.names}sign -1, {self.names}offset {math.pi:.5f})?"
             )
         if self.outside:
-            knee = f"and a knee has {math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}"
+            knee = f"and a knee has {math.degrees(MIN_FLEXION):.0f} to {math.degrees(MAX_FLEXION):.0f}"
             raw = f"{self.least:.4g} to {self.most:.4g}"
             often = f"{self.outside} of {self.ticks} ticks are beyond"
             if self.most - self.least > WIDEST:
                 return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
-            turned = self.least < EXTENDS and -self.most >= EXTENDS and -self.least <= FLEXES
+            turned = (
+                self.least < MIN_FLEXION
+                and -self.most >= MIN_FLEXION
+                and -self.least <= MAX_FLEXION
+            )
             cause = f"is its sign the other one ({self.names}sign -1), " * turned
             cause += f"does it have an offset ({self.names}offset, in rad), or is it in degrees instead of radians"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"

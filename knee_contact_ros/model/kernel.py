@@ -14,7 +14,7 @@ from knee_contact_ros.model.laws import hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.surfaces import Circle, ContactPair, Plane
-from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows, blank
+from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows, blank_answers
 
 PLAIN_TICK = 0.3e-3
 """Processor time [s] of an uncompiled tick in gait"""
@@ -49,7 +49,7 @@ def example_call() -> tuple[Any, ...]:
         remembers=False,
         plausible_depth=1e-3,
     )
-    return knee, np.zeros(ticks.STATE_SIZE), np.zeros((1, 4)), *kernel_views(blank(1))
+    return knee, np.zeros(ticks.STATE_SIZE), np.zeros((1, 4)), *kernel_views(blank_answers(1))
 
 
 def worth_compiling(number: int | None) -> bool:

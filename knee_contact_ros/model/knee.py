@@ -20,7 +20,7 @@ from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import Closest, ContactPair
-from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
+from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank_answers
 
 INPUTS = ("flexion_angle", "load", "femoral_height")
 LARGEST_TIME = 9e9
@@ -188,7 +188,7 @@ class KneeModel:
             raise ValueError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
         self.check_drive(bool(heights))
         durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
-        answers = blank(len(time_))
+        answers = blank_answers(len(time_))
         height = heights[0] if heights else np.full(len(time_), math.nan)
         self.compute(np.column_stack([durations, angles, loads, height]), answers)
         answers["stamp"] = stamps
@@ -274,7 +274,7 @@ class Stream:
     """Answer to the last tick, shape (1,); the next tick overwrites it"""
 
     def __post_init__(self) -> None:
-        self.answer = blank(1)
+        self.answer = blank_answers(1)
         self._answered_stamp = self.answer[
             "stamp"
         ]  # to look a field up takes as long as to find the contact
@@ -309,7 +309,7 @@ class Stream:
                 self._knee._replace(budget=MOST_BUDGET),
                 rest,
                 sample,
-                *kernel_views(blank(1)),
+                *kernel_views(blank_answers(1)),
             )
             state[ticks.E_HEIGHT] += rest[ticks.HEIGHT] - state[ticks.HEIGHT]
             for place in (ticks.HEIGHT, ticks.STIFFNESS, ticks.SLOPE_DAMPING):
@@ -388,7 +388,7 @@ class Stream:
         steps = np.diff(stamps, prepend=stamps[:1] if self._stamp is None else self._stamp)
         if (steps[0 if self._stamp is not None else 1 :] <= 0).any():
             raise ValueError("time must increase")
-        answers = blank(len(stamps))
+        answers = blank_answers(len(stamps))
         answers["stamp"] = stamps
         height = np.full(len(stamps), math.nan) if heights is None else heights
         self.model.compute(

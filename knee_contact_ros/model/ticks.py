@@ -45,17 +45,17 @@ from knee_contact_ros.model.solver import (
 from knee_contact_ros.model.statics import ANSWER, START_HEIGHT, static_contact
 from knee_contact_ros.model.surfaces import closest, next_kink, touch
 from knee_contact_ros.model.types import (
-    EXTENDS,
-    FARTHEST_GAP,
-    FARTHEST_POINT,
-    FLEXES,
+    MAX_CONTACT_X,
+    MAX_FLEXION,
+    MAX_SURFACE_GAP,
+    MIN_FLEXION,
     Bytes,
     Counts,
     Fidelity,
     Floats,
     Status,
-    byte,
-    word,
+    byte_offset,
+    word_index,
 )
 
 QUASI_STATIC, DYNAMIC, PRESCRIBED_HEIGHT = int(Fidelity.QUASI_STATIC), int(Fidelity.DYNAMIC), 3
@@ -135,7 +135,7 @@ NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
     W_NORMAL_X,
     W_NORMAL_Y,
 ) = map(
-    word,
+    word_index,
     (
         "flexion_angle",
         "load",
@@ -157,8 +157,12 @@ NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
         "normal_y",
     ),
 )
-B_STATE, B_FIDELITY, B_STATUS = byte("contact_state"), byte("fidelity"), byte("status")
-C_EVALUATIONS = byte("evaluations") // 4
+B_STATE, B_FIDELITY, B_STATUS = (
+    byte_offset("contact_state"),
+    byte_offset("fidelity"),
+    byte_offset("status"),
+)
+C_EVALUATIONS = byte_offset("evaluations") // 4
 
 
 @in_kernel
@@ -251,7 +255,7 @@ def run(
         state[E_HH], state[E_HV], state[E_VV] = error.hh, error.hv, error.vv
         state[IMPACT], state[IMPACT_ERROR] = femur.impact_speed, femur.impact_error
         state[STIFFNESS], state[SLOPE_DAMPING] = result.stage.stiffness, result.stage.damping
-        far = -result.stage.depth > FARTHEST_GAP
+        far = -result.stage.depth > MAX_SURFACE_GAP
         if far and knee.level != PRESCRIBED_HEIGHT:
             state[UNSETTLED] = SETTLING
         elif result.stage.depth > 0.0:
@@ -657,7 +661,7 @@ def write_answer(
     words[i, W_TORQUE_Z] = point_x * force_y - point_y * force_x
     codes[i, B_STATE] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
     codes[i, B_FIDELITY] = fidelity
-    implausible = depth > knee.plausible_depth or far or not EXTENDS <= angle <= FLEXES
-    implausible = implausible or (depth > 0.0 and abs(point_x) > FARTHEST_POINT)
+    implausible = depth > knee.plausible_depth or far or not MIN_FLEXION <= angle <= MAX_FLEXION
+    implausible = implausible or (depth > 0.0 and abs(point_x) > MAX_CONTACT_X)
     codes[i, B_STATUS] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if implausible else 0)
     counts[i, C_EVALUATIONS] = evaluations

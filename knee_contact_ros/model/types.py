@@ -33,10 +33,14 @@ Counts = NDArray[np.uint32]
 MM = 1e3
 """Number of millimetres in a metre"""
 
-EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
-"""Range of flexion angles of any knee [rad]"""
-FARTHEST_GAP, FARTHEST_POINT = 0.01, 0.06
-"""Gap [m] that no knee has, and x [m] of a contact, from the tibia's origin, that is on no plateau"""
+MIN_FLEXION = math.radians(-30.0)
+"""Smallest plausible flexion angle [rad]: hyperextension of lax knees stays within 20 deg, the rest is for offsets"""
+MAX_FLEXION = math.radians(170.0)
+"""Largest plausible flexion angle [rad]: thigh and calf meet at about 160 deg"""
+MAX_SURFACE_GAP = 0.01
+"""Largest plausible gap [m] between femur and tibia"""
+MAX_CONTACT_X = 0.06
+"""Largest plausible distance [m] of a contact from the tibia's origin along x; half a plateau is about 25 mm long"""
 
 
 class Field(NamedTuple):
@@ -87,8 +91,8 @@ class Status(IntFlag):
     INPUT_REJECTED = 16
     """A sample was rejected since the last tick."""
     IMPLAUSIBLE = 32
-    """No knee is so deep, so far apart or so bent, or touches there: see `KneeModel.plausible_depth`, and in `ticks`
-    `FARTHEST_GAP`, `EXTENDS`, `FLEXES` and `FARTHEST_POINT`."""
+    """Depth, gap, flexion angle or place of the contact are not those of a knee: see `KneeModel.plausible_depth`, and
+    in `model/types.py` `MAX_SURFACE_GAP`, `MIN_FLEXION`, `MAX_FLEXION` and `MAX_CONTACT_X`."""
     DOUBTFUL_LOAD = 64
     """Of a contact: the frontal moment cannot be split between the compartments, or the load node doubts its estimate.
     Of an estimated load: a movement for which no constants were measured."""
@@ -113,13 +117,12 @@ class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
     def __getattribute__(self, name: str) -> Any:
         value = super().__getattribute__(name)
         if isinstance(value, np.void):
-            return value.view((PARTS[name], value.dtype))
+            return value.view((RECORD_CLASSES[name], value.dtype))
         return value.item() if isinstance(value, np.generic) else value
 
     def __repr__(self) -> str:
-        return (
-            f"({', '.join(f'{name}={getattr(self, name)!r}' for name in self.dtype.names or ())})"
-        )
+        values = [f"{name}={getattr(self, name)!r}" for name in self.dtype.names or ()]
+        return f"({', '.join(values)})"
 
     __str__ = __repr__
 
@@ -204,26 +207,24 @@ class Contact(Row):  # type: ignore[misc]
         )
 
 
-PARTS: dict[str, type[Row]] = {}
+RECORD_CLASSES: dict[str, type[Row]] = {}
 """Classes of the fields that are records themselves, by field name"""
 FIELDS: dict[str, Field] = {}
 """Declarations of the numbers of an answer, by their names in `FLAT`"""
 
 
 def _fields(record: type[Row], before: str = "", unit: str = "") -> np.dtype[Any]:
-    """Return the NumPy type of the fields that a class declares, aligned as in C and in CDR; fill `PARTS` and `FIELDS`.
+    """Return the NumPy type of the fields that a class declares, aligned as in C and in CDR.
 
-    The names of its numbers begin with `before`, and have a `unit` unless they declare their own.
+    Fills `RECORD_CLASSES` and `FIELDS`. The names of the class's numbers begin with `before`, and have a `unit` unless
+    they declare their own.
     """
     fields: list[tuple[str, Any]] = []
     for name, hint in get_type_hints(record, include_extras=True).items():
-        kind, field = (
-            (hint.__origin__, hint.__metadata__[0])
-            if hasattr(hint, "__metadata__")
-            else (hint, Field())
-        )
+        kind = getattr(hint, "__origin__", hint)
+        field = getattr(hint, "__metadata__", (Field(),))[0]
         if issubclass(kind, Row):
-            PARTS[name] = kind
+            RECORD_CLASSES[name] = kind
             fields.append((name, _fields(kind, f"{before}{name}_", field.unit)))
         else:
             FIELDS[before + name] = field._replace(unit=field.unit or unit)
@@ -240,11 +241,12 @@ def _place(name: str) -> slice:
 
 ROW = np.dtype((Contact, _fields(Contact)))
 """NumPy type of a row of answers, whose elements are `Contact` records"""
-MESSAGE = slice(0, _place((ROW.names or ())[(ROW.names or ()).index("contact_wrench") - 1]).stop)
-"""Bytes of a row that equal those of a `KneeContact` message after its header, if the header ends at a multiple of 8
-B"""
-WRENCH = _place("contact_wrench")
+WRENCH_BYTES = _place("contact_wrench")
 """Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
+_DECLARED = list(Contact.__annotations__)
+_LAST_OF_MESSAGE = _DECLARED[_DECLARED.index("contact_wrench") - 1]
+MESSAGE_BYTES = slice(0, _place(_LAST_OF_MESSAGE).stop)
+"""Bytes of a row that equal those of a `KneeContact` message after its header, if that ends at a multiple of 8 B"""
 
 
 def _numbers(
@@ -264,39 +266,44 @@ FLAT = np.dtype(
 )
 """The same row as a flat record, in which nested numbers have names of their own, such as `contact_point_x`"""
 MESSAGE_FIELDS = tuple(
-    name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop
+    name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE_BYTES.stop
 )
 """Names in `FLAT` of the numbers that the message has"""
 
 
-def byte(name: str) -> int:
+def byte_offset(name: str) -> int:
     """Return where a number of `FLAT` begins among the bytes of a row."""
     return int(FLAT.fields[name][1])  # type: ignore[index]  # it has fields
 
 
-def word(name: str) -> int:
+def word_index(name: str) -> int:
     """Return which of the 8-byte words of a row a number of `FLAT` is."""
-    return byte(name) // 8
+    return byte_offset(name) // 8
 
 
-CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
+STRUCT_CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
 """Format characters of `struct` for NumPy's number types"""
 
 
-def reader(*names: str) -> struct.Struct:
+def answer_struct(*names: str) -> struct.Struct:
     """Return a `struct` of the size of a row that reads some numbers of `FLAT`, named in their order, from its bytes.
 
     It takes a tenth of the time of reading fields of an array.
     """
-    layout, end = "<", 0
+    layout = "<"
+    end = 0
     for name in names:
         kind, begin, *_ = FLAT.fields[name]  # type: ignore[index]  # it has fields
-        layout, end = f"{layout}{begin - end}x{CODES[kind.str[1:]]}", begin + kind.itemsize
+        layout += f"{begin - end}x{STRUCT_CODES[kind.str[1:]]}"
+        end = begin + kind.itemsize
     return struct.Struct(f"{layout}{ROW.itemsize - end}x")
 
 
-def blank(number: int) -> Rows:
-    """Return rows for a kernel to fill, shape (number,); their padding bytes are 0, but a copy's may be anything."""
+def blank_answers(number: int) -> Rows:
+    """Return rows of zeros for a kernel to fill, shape (number,).
+
+    Their padding bytes are 0, too; NumPy does not copy padding, so that a copy's may be anything.
+    """
     return np.zeros(number, dtype=ROW)
 
 

@@ -27,7 +27,7 @@ from visualization_msgs.msg import MarkerArray
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.model.compiler import COMPILING
 from knee_contact_ros.model.kernel import kept_files
-from knee_contact_ros.model.types import ROW, ContactState, reader
+from knee_contact_ros.model.types import ROW, ContactState, answer_struct
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
@@ -61,7 +61,7 @@ from knee_contact_ros.view.anatomy import (
 )
 from knee_contact_ros.view.output import address
 
-COUNTED = reader("fidelity", "status")
+COUNTED = answer_struct("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""
 _LIVE = frozenset(
     {
@@ -302,7 +302,7 @@ LENGTH = 1e-3 / NEWTONS_PER_MM
 LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
 """Scales of the markers [m]: width of a line; diameters of a sphere; diameters of an arrow's shaft and head, and head
 length"""
-SHOWN = reader(
+SHOWN = answer_struct(
     "flexion_angle",
     "contact_force",
     "contact_point_x",

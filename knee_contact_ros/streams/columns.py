@@ -18,10 +18,10 @@ from rosbags.interfaces import MessageDefinition, Nodetype
 from knee_contact_ros.model.types import (
     FIELDS,
     FLAT,
-    MESSAGE,
+    MESSAGE_BYTES,
     MESSAGE_FIELDS,
     ROW,
-    WRENCH,
+    WRENCH_BYTES,
     Bytes,
     Floats,
     Indices,
@@ -177,12 +177,12 @@ def _covered(kind: np.dtype[Any]) -> NDArray[np.bool_]:
 
 def encode_answers(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
     """Bytes of the `KneeContact` messages of many answers, shape (n, length), as `encode_answer` writes them."""
-    return _headed(frame_id, stamps, rows, MESSAGE)
+    return _headed(frame_id, stamps, rows, MESSAGE_BYTES)
 
 
 def encode_answer_wrenches(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
     """Bytes of the `WrenchStamped` messages of many answers, shape (n, length); see `encode_answer_wrench`."""
-    return _headed(frame_id, stamps, rows, WRENCH)
+    return _headed(frame_id, stamps, rows, WRENCH_BYTES)
 
 
 def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:

@@ -27,13 +27,13 @@ from knee_contact_ros.model.knee import (
 from knee_contact_ros.model.types import (
     FLAT,
     ROW,
-    WRENCH,
+    WRENCH_BYTES,
     Bytes,
     Floats,
     Rows,
     Stamps,
     Status,
-    reader,
+    answer_struct,
 )
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import Source, curve_texts, lateral_texts, load_parameters
@@ -445,10 +445,10 @@ def summed_wrench(rows: Sequence[bytes]) -> bytes:
     first, *others = rows
     if not others:
         return first
-    wrench = SIX.unpack_from(first, WRENCH.start)
+    wrench = SIX.unpack_from(first, WRENCH_BYTES.start)
     for row in others:
-        wrench = tuple(map(add, wrench, SIX.unpack_from(row, WRENCH.start)))
-    return first[: WRENCH.start] + SIX.pack(*wrench) + first[WRENCH.stop :]
+        wrench = tuple(map(add, wrench, SIX.unpack_from(row, WRENCH_BYTES.start)))
+    return first[: WRENCH_BYTES.start] + SIX.pack(*wrench) + first[WRENCH_BYTES.stop :]
 
 
 def summed_wrenches(rows: Sequence[Rows]) -> Rows:
@@ -478,7 +478,7 @@ def answering(
 MOVED, DESCRIBED = NANOSECONDS // 50, 10 * NANOSECONDS
 """Periods [ns]: at the first tick of one the thigh is placed, and the leg described again, for snapshots and splits"""
 QUOTE = {'"': "&quot;"}
-SHOWN = reader("flexion_angle", "femoral_height", "femoral_x")
+SHOWN = answer_struct("flexion_angle", "femoral_height", "femoral_x")
 """Reader of the fields of an answer's row that give the pose of the thigh"""
 
 

@@ -19,8 +19,7 @@ import numpy as np
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.model.types import MESSAGE
-from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
+from knee_contact_ros.model.types import MESSAGE_BYTES, WRENCH_BYTES
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import list_names, printable
@@ -418,7 +417,7 @@ def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
     Raises:
         ValueError: the stamp is beyond what ROS can hold.
     """
-    return header(stamp, frame_id) + row[MESSAGE]
+    return header(stamp, frame_id) + row[MESSAGE_BYTES]
 
 
 def encode_answer_wrench(stamp: int, frame_id: str, row: bytes) -> bytes:

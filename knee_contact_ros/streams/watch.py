@@ -18,11 +18,11 @@ from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import (
-    EXTENDS,
-    FARTHEST_GAP,
-    FARTHEST_POINT,
     FLAT,
-    FLEXES,
+    MAX_CONTACT_X,
+    MAX_FLEXION,
+    MAX_SURFACE_GAP,
+    MIN_FLEXION,
     MM,
     Floats,
     Rows,
@@ -164,20 +164,20 @@ class Doubts:
         depths, gaps = answers["penetration_depth"], answers["gap"]
         self.inputs.add_all(answers["stamp"], answers["flexion_angle"], answers["load"])
         angles, places = answers["flexion_angle"], np.abs(answers["contact_point_x"])
-        off = (depths > 0.0) & (places > FARTHEST_POINT)
+        off = (depths > 0.0) & (places > MAX_CONTACT_X)
         if off.any():
             self.off += int(np.count_nonzero(off))
             self.off_by = max(self.off_by, float(places[off].max()))
         flagged = (
             ((answers["status"] & IMPLAUSIBLE) != 0)
             & ~off
-            & (angles >= EXTENDS)
-            & (angles <= FLEXES)
+            & (angles >= MIN_FLEXION)
+            & (angles <= MAX_FLEXION)
         )
         self.farthest = max(self.farthest, float(gaps.max()))
         # After a flight that no knee makes, the bit means the flight and not a depth.
-        flown = (gaps > FARTHEST_GAP) | (
-            flagged & ((depths <= 0.0) | (self.farthest > FARTHEST_GAP))
+        flown = (gaps > MAX_SURFACE_GAP) | (
+            flagged & ((depths <= 0.0) | (self.farthest > MAX_SURFACE_GAP))
         )
         self.flown += int(np.count_nonzero(flown))
         absurd = (flagged & ~flown) | (depths > self.plausible_depth)
@@ -204,7 +204,7 @@ class Doubts:
             f"plateau, in {self.off} {of} (IMPLAUSIBLE): is the femur's profile in the femur's axes, with the origin "
             "in the knee (fit-profile --origin)?": self.off,
             f"{self.too_deep} {of} are up to {MM * self.deepest:.3g} mm deep{limit} (IMPLAUSIBLE)": self.too_deep,
-            f"the femur is up to {MM * self.farthest:.4g} mm above the tibia, beyond {MM * FARTHEST_GAP:.3g} mm: "
+            f"the femur is up to {MM * self.farthest:.4g} mm above the tibia, beyond {MM * MAX_SURFACE_GAP:.3g} mm: "
             f"{self.flown} {of} belong to this flight or its landing (IMPLAUSIBLE); does the load pull, by its sign or "
             "by the share of the compartment?": self.flown,
         }

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
 from knee_contact_ros.model.readouts import SPREAD, Readings
-from knee_contact_ros.model.types import MM, ContactState, Floats, Rows, Status, blank
+from knee_contact_ros.model.types import MM, ContactState, Floats, Rows, Status, blank_answers
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.streams.strides import Stride, Strides
@@ -137,7 +137,7 @@ class Scene:
         self._layer, self._law_known = drawing.second_layer, True
         self._pictures, self._remarks = Pictures(), Remarks(drawing.body_weight)
         self._count, self._last_stamp, self._dated, self._has_events = 0, 0, False, False
-        self._before, self._states = blank(0), dict[str, int]()
+        self._before, self._states = blank_answers(0), dict[str, int]()
         self._notes: list[tuple[str, Mapping[str, str]]] = []
         """Notes that wait for the next answers"""
         self._write_still()

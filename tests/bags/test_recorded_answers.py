@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics, read_answers, read_bag
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank_answers
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.columns import ADDED
@@ -49,7 +49,7 @@ def test_columns_hold_what_the_messages_say(recording: Path) -> None:
 
 
 def message(stamp: int, frame: str) -> bytes:
-    rows = blank(1)
+    rows = blank_answers(1)
     for number, name in enumerate(MESSAGE_FIELDS):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())

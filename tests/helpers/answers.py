@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, Contact, Rows, blank
+from knee_contact_ros.model.types import FLAT, MESSAGE_BYTES, ROW, Contact, Rows, blank_answers
 from knee_contact_ros.streams.topics import Answer
 
-FIELDS = tuple(name for name, (_, begin, *_) in (ROW.fields or {}).items() if begin < MESSAGE.stop)
+FIELDS = tuple(
+    name for name, (_, begin, *_) in (ROW.fields or {}).items() if begin < MESSAGE_BYTES.stop
+)
 """Those of the message behind its header"""
 EXAMPLE = {
     "flexion_angle": 0.1,
@@ -35,7 +37,7 @@ EXAMPLE = {
 
 def contact(**fields: Any) -> Contact:
     """An answer with some fields given."""
-    rows = blank(1)
+    rows = blank_answers(1)
     for name, value in (EXAMPLE | fields).items():
         rows[name] = value
     made: Contact = rows[0]

@@ -15,7 +15,7 @@ from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import table
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
-from knee_contact_ros.model.types import Contact, blank
+from knee_contact_ros.model.types import Contact, blank_answers
 from tests.helpers.scenes import RADIUS
 
 Series = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -90,7 +90,7 @@ def thrown(
     for name, value in ({**begin, "TRY_STEP": math.inf, "IMPACT": math.nan} | state).items():
         before[getattr(ticks, name)] = value
     part = np.linspace(0.0, 1.0, parts + 1)[1:, None]
-    answers, last = blank(parts), load if end_load is None else end_load
+    answers, last = blank_answers(parts), load if end_load is None else end_load
     samples = [duration / parts, turn[0], load, math.nan] + part * [
         0.0,
         turn[1] - turn[0],

@@ -13,7 +13,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.readouts import READOUTS, UNITS
-from knee_contact_ros.model.types import ContactState, Rows, Status, blank
+from knee_contact_ros.model.types import ContactState, Rows, Status, blank_answers
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 
@@ -101,7 +101,7 @@ def test_strain_of_two_layers_is_1_where_the_first_is_pressed_flat() -> None:
 
 def test_loading_rate_is_the_slope_of_the_contact_force() -> None:
     model = knee(contact__law="hertz")
-    rows = blank(5)
+    rows = blank_answers(5)
     rows["stamp"] = [0, 10_000_000, 30_000_000, 40_000_000, 30_000_000]
     rows["contact_force"] = [100.0, 110.0, 100.0, 130.0, 0.0]
     rows["status"][3] = Status.TIME_RESET
@@ -115,7 +115,7 @@ def test_radii_of_no_knee_give_no_readouts() -> None:
     with pytest.raises(
         ValueError, match=r"contact\.femoral_radius must be below contact\.tibial_radius"
     ):
-        model.readouts(blank(1))
+        model.readouts(blank_answers(1))
 
 
 @pytest.mark.parametrize("knee", ["healthy", "osteoarthritis", "mri_knee"])

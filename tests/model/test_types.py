@@ -7,12 +7,12 @@ import pytest
 
 from knee_contact_ros.model.types import (
     FLAT,
-    MESSAGE,
+    MESSAGE_BYTES,
     ROW,
-    WRENCH,
+    WRENCH_BYTES,
     Point,
-    blank,
-    reader,
+    answer_struct,
+    blank_answers,
     unknown_answers,
 )
 from tests.helpers.scenes import law, model
@@ -20,15 +20,15 @@ from tests.helpers.scenes import law, model
 
 @pytest.mark.parametrize("names", [("penetration_depth", "fidelity", "status"), FLAT.names])
 def test_numbers_are_read_out_of_a_rows_bytes(names: tuple[str, ...]) -> None:
-    rows = blank(1)
+    rows = blank_answers(1)
     for number, name in enumerate(FLAT.names or ()):
         rows.view(FLAT)[name] = number + 1
-    told = reader(*names).unpack_from(rows.tobytes())
+    told = answer_struct(*names).unpack_from(rows.tobytes())
     assert told == tuple(rows.view(FLAT)[name].item() for name in names)
 
 
 def test_a_blank_row_is_all_zeros_and_an_untold_one_knows_no_number() -> None:
-    assert np.array_equal(blank(2).view(np.uint8), np.zeros(2 * ROW.itemsize, np.uint8))
+    assert np.array_equal(blank_answers(2).view(np.uint8), np.zeros(2 * ROW.itemsize, np.uint8))
     rows = unknown_answers(2).view(FLAT)
     for name in FLAT.names or ():
         assert np.isnan(rows[name]).all() if FLAT[name].kind == "f" else (rows[name] == 0).all()
@@ -37,8 +37,8 @@ def test_a_blank_row_is_all_zeros_and_an_untold_one_knows_no_number() -> None:
 def test_a_row_holds_the_bytes_of_its_messages() -> None:
     """C aligns as CDR does, from any multiple of 8 B on; tests of the messages hold names and places to the .msg."""
     assert ROW.itemsize == FLAT.itemsize == ROW.itemsize // 8 * 8
-    assert WRENCH.start % 8 == 0
-    assert (WRENCH.stop - WRENCH.start, MESSAGE.start) == (48, 0)
+    assert WRENCH_BYTES.start % 8 == 0
+    assert (WRENCH_BYTES.stop - WRENCH_BYTES.start, MESSAGE_BYTES.start) == (48, 0)
 
 
 def test_an_answer_consists_of_numbers_as_declared_and_prints_their_names() -> None:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.tables import show_summary
-from knee_contact_ros.model.types import blank
+from knee_contact_ros.model.types import blank_answers
 from knee_contact_ros.offline.summary import Summary
 
 
 def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    rows = blank(40_000)
+    rows = blank_answers(40_000)
     rows["stamp"] = np.arange(40_000) * 1_000_000
     rows["load"] = 1200.0 * np.abs(np.sin(np.pi * rows["stamp"] * 1e-9)) + 10.0 * (
         rows["stamp"] > 20e9
@@ -38,7 +38,7 @@ def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
 
 
 def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str]) -> None:
-    rows, begin = blank(2_000), 1_764_027_108 * 1_000_000_000
+    rows, begin = blank_answers(2_000), 1_764_027_108 * 1_000_000_000
     rows["stamp"] = begin + np.arange(2_000) * 1_000_000
     rows["load"] = 1200.0 * np.abs(np.sin(np.pi * 1e-3 * np.arange(2_000)))
     rows["contact_force"], rows["penetration_depth"] = rows["load"], 1e-6 * rows["load"]
@@ -56,7 +56,7 @@ def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str
 def test_no_moment_is_told_for_largest_values_of_different_moments(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    rows = blank(3)
+    rows = blank_answers(3)
     rows["stamp"] = [0, 1_000_000_000, 2_000_000_000]
     rows["load"], rows["contact_force"], rows["penetration_depth"] = (
         [1.0, 2.0, 3.0],

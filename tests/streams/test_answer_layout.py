@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank_answers
 from knee_contact_ros.streams.columns import ADDED, TYPE, Column, decode_answers, places_of
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import NANOSECONDS, NO_DEFINITION, definition
@@ -25,7 +25,7 @@ def described(text: str) -> MessageDefinition:
 
 
 def message(stamp: int, frame: str) -> bytes:
-    rows = blank(1)
+    rows = blank_answers(1)
     for number, name in enumerate(MESSAGE_FIELDS):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
