@@ -39,6 +39,7 @@ def run(knee: Pair, values, answers) -> None:
 USE = """
 import numpy as np
 import toy
+from knee_contact_ros.model import compiler
 values, answers, plain = np.linspace(0.1, 9.7, 40), np.zeros(40), np.zeros(40)
 knee = toy.Pair(0.7, 2.9)
 toy.run(knee, values, plain)
