@@ -44,7 +44,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
 from knee_contact_ros.system.ros import FastestExecutor, make_executor
-from knee_contact_ros.view.output import installed_viewer
+from knee_contact_ros.view.output import find_viewer
 
 _START = struct.Struct("<4siI")
 """Beginning of each message: representation and stamp; the rest does not depend on the stamp"""
@@ -383,7 +383,7 @@ def start_ours(parameter_files: list[Path], work: Path, patience: float) -> Iter
 OURS, BARE = "this node", "bare"
 CANDIDATES = {
     OURS: Candidate(
-        f"computes, publishes, records to MCAP{' and draws to a Rerun file' if installed_viewer() else ''} "
+        f"computes, publishes, records to MCAP{' and draws to a Rerun file' if find_viewer() else ''} "
         "(healthy.yaml)",
         partial(start_ours, [PARAMETERS]),
     ),

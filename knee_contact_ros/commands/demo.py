@@ -62,12 +62,12 @@ from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, priv
 from knee_contact_ros.system.terminal import warn
 from knee_contact_ros.view.output import (
     NOT_INSTALLED,
-    has_screen,
-    installed_viewer,
-    look,
+    find_viewer,
+    has_display,
+    run_viewer,
     viewer_command,
 )
-from knee_contact_ros.view.picture import draw_knee, drawn
+from knee_contact_ros.view.picture import draw_knee, png_figure
 
 BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
 """Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
@@ -237,7 +237,7 @@ def run_demo(
             replace(work / result, output / result)
     show_summary(summary, rows, places)
     warn(summary.sentences)
-    if installed_viewer():
+    if find_viewer():
         offer(output / RERUN_FILE)
 
 
@@ -273,7 +273,7 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
     which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
     when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
     title = f"{which}largest {what.replace('_', ' ')}, at {when} s"
-    with drawn(picture, SIZE, DPI, **STYLE) as figure:
+    with png_figure(picture, SIZE, DPI, **STYLE) as figure:
         knee = figure.subplots()
         angle, height, force = (
             float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force")
@@ -294,7 +294,7 @@ def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
             **places,
         }
     scene = {"Not drawn": NOT_INSTALLED}
-    if installed_viewer():
+    if find_viewer():
         see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
         scene = {"Rerun file": str(output / RERUN_FILE), "To see it": see}
     return {name: str(place) for name, place in places.items()} | scene
@@ -377,7 +377,7 @@ def node_process(
     )
     outputs = {"record.path": work / (LOAD_RECORDING if load else RECORDING)}
     mode = {}
-    if installed_viewer() and not load:
+    if find_viewer() and not load:
         outputs["rerun.path"], mode = work / RERUN_FILE, {"rerun.mode": '"file"'}
     paths = {name: f'"{path}"' for name, path in outputs.items()}
     arguments = [
@@ -417,11 +417,11 @@ def ros_arguments(files: Iterable[Path], values: Mapping[str, Any]) -> list[str]
 
 def offer(scene: Path) -> None:
     """Ask whether to open the scene in a viewer, if there are a terminal and a screen."""
-    if not (has_screen() and sys.stdin.isatty() and sys.stdout.isatty()):
+    if not (has_display() and sys.stdin.isatty() and sys.stdout.isatty()):
         return
     with suppress(click.Abort):  # Ctrl-D or Ctrl-C: all is there, and said
         if click.confirm("Open the scene in the Rerun viewer?", default=True):
-            look(viewer_command(str(scene)))
+            run_viewer(viewer_command(str(scene)))
 
 
 def largest(bag: Path, topic: str) -> tuple[float, float]:

@@ -10,11 +10,12 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
+    BagNames,
     FiniteRange,
-    Given,
-    InBag,
     Output,
+    ParameterOptions,
     choice_option,
+    combine_options,
     folder_option,
     names_in_bag_options,
     number_option,
@@ -22,7 +23,6 @@ from knee_contact_ros.commands.options import (
     overwrite_option,
     parameter_options,
     path_option,
-    together,
 )
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import require
@@ -294,7 +294,7 @@ def fit_profile(
 )
 @names_in_bag_options()
 def calibrate(
-    data: tuple[Path, ...], given: Given, without: bool, in_bag: InBag, **rest: Any
+    data: tuple[Path, ...], given: ParameterOptions, without: bool, in_bag: BagNames, **rest: Any
 ) -> None:
     """Fit parameters to measurements.
 
@@ -317,7 +317,7 @@ def calibrate(
     )
 
 
-study_options = together(
+study_options = combine_options(
     click.argument("study", type=FILE, metavar="STUDY.yaml"),
     click.option(
         "--output",
@@ -392,7 +392,9 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     metavar="FILE.png",
     help="Picture to write. An earlier one is replaced.",
 )
-def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: Path) -> None:
+def trade(
+    bag: Path, given: ParameterOptions, in_bag: BagNames, worth: float | None, picture: Path
+) -> None:
     """Show what accuracy costs on your own bag and knee.
 
     It computes BAG at every fidelity.level, with tolerances from 1e-3 to 1e-9 m. It prints and draws the largest errors
@@ -458,7 +460,11 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
 )
 @names_in_bag_options()
 def report(
-    files: tuple[Path, ...], output: Path, given: Given, in_bag: InBag, **options: Any
+    files: tuple[Path, ...],
+    output: Path,
+    given: ParameterOptions,
+    in_bag: BagNames,
+    **options: Any,
 ) -> None:
     """Write a report: figures and tables that need no viewer.
 
@@ -478,7 +484,7 @@ def report(
     if in_bag.namespace:
         sets = [values_set_in(path, namespace=in_bag.namespace) for path in given.files()]
         sources = [{name: value for each in [*sets, values] for name, value in each.items()}]
-    compare = Given(options.pop("compare")).files(None)
+    compare = ParameterOptions(options.pop("compare")).files(None)
     for path in run_report(
         ReportOptions(
             files,

@@ -13,8 +13,8 @@ import click
 
 from knee_contact_ros.commands.options import (
     FILE,
-    Given,
-    InBag,
+    BagNames,
+    ParameterOptions,
     folder_option,
     names_in_bag_options,
     number_option,
@@ -80,8 +80,8 @@ def demo(
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
-    of_load = Given(load_files).files(LOAD_FILE) if from_sensors else []
-    run_demo(bag, Given(parameter_files).files(), of_load, companion, output, rate)
+    of_load = ParameterOptions(load_files).files(LOAD_FILE) if from_sensors else []
+    run_demo(bag, ParameterOptions(parameter_files).files(), of_load, companion, output, rate)
 
 
 def check_ros() -> None:
@@ -240,7 +240,7 @@ class OptionalClockRate(click.Command):
     is_flag=True,
     help="Publish /ground_reaction_force for the load node instead of /joint_reaction_force.",
 )
-def replay(bag: Path, in_bag: InBag, sensors: bool, **timing: Any) -> None:
+def replay(bag: Path, in_bag: BagNames, sensors: bool, **timing: Any) -> None:
     """Publish the inputs of a bag at the times of their stamps.
 
     BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. On a

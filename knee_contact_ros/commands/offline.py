@@ -13,9 +13,9 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
-    Given,
-    InBag,
+    BagNames,
     Output,
+    ParameterOptions,
     input_path,
     names_in_bag_options,
     number_option,
@@ -31,7 +31,7 @@ LONGEST_NAME = 80
 
 
 @contextmanager
-def as_one(bags: Sequence[Path]) -> Iterator[Path]:
+def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     """Yield a bag, or a folder with links to the files of several bags, which are read together by time.
 
     Errors that the folder causes name the files as they were given.
@@ -83,11 +83,11 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
 @names_in_bag_options()
 def solve(
     bags: tuple[Path, ...],
-    given: Given,
+    given: ParameterOptions,
     subject: Path | None,
     output: Path,
     overwrite: bool,
-    in_bag: InBag,
+    in_bag: BagNames,
 ) -> None:
     """Compute a bag offline.
 
@@ -108,7 +108,7 @@ def solve(
     bags = bags or ((person.bag,) if person and person.bag else ())
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
-    with as_one(bags) as bag:
+    with merged_bags(bags) as bag:
         basis = basis_of(
             bag, given.parameter_files or None, given.values(), person, in_bag.namespace
         )
@@ -147,7 +147,9 @@ def solve(
 )
 @output_option("OUT.mcap", "Bag to write.", ".mcap", replace="Replace OUT.mcap if it exists.")
 @names_in_bag_options()
-def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag: InBag) -> None:
+def estimate_load(
+    bag: Path, given: ParameterOptions, output: Path, overwrite: bool, in_bag: BagNames
+) -> None:
     """Estimate the joint reaction force of a bag, offline.
 
     BAG holds a leg's sensors on /joint_states and /ground_reaction_force. OUT.mcap gets these topics,
@@ -216,7 +218,7 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
 @number_option("--port", 1024, 65534, 9876, "Port for --serve. The next port is used too.")
 def view(
     sources: tuple[str, ...],
-    given: Given,
+    given: ParameterOptions,
     save: Path | None,
     overwrite: bool,
     serve: bool,
@@ -228,11 +230,11 @@ def view(
     drawn with its own parameters, any other file with those of --params. Several knees stand side by side. FILE can
     also be a Rerun file, or the address that a node (rerun.mode serve) or --serve prints.
     """
-    from knee_contact_ros.view.output import executable
+    from knee_contact_ros.view.output import require_viewer
 
     for source in sources:
         input_path(source)  # an address is no path that is there
-    executable()  # before what imports its library
+    require_viewer()  # before what imports its library
     from knee_contact_ros.commands.view import run_view
 
     run_view(sources, given, save, overwrite, serve, port)
@@ -273,7 +275,7 @@ def table(bag: Path, output: Path, topic: str) -> None:
 
 @click.command()
 @parameter_options()
-def warm(given: Given) -> None:
+def warm(given: ParameterOptions) -> None:
     """Compile the model ahead of its first use.
 
     Installing the package does this already. One compiled model serves every kind of knee; --params and -p are only

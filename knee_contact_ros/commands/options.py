@@ -86,7 +86,7 @@ def output_option(
     output = click.option(
         "--output", type=Output(*suffixes), required=True, metavar=metavar, help=text
     )
-    return together(output, overwrite_option(replace)) if replace else output
+    return combine_options(output, overwrite_option(replace)) if replace else output
 
 
 def folder_option(default: str, text: str) -> Callable[[Function], Function]:
@@ -141,7 +141,7 @@ def number_option(
     )
 
 
-class Given(NamedTuple):
+class ParameterOptions(NamedTuple):
     """Parameters as the options `--params` and `-p` give them."""
 
     parameter_files: tuple[Path, ...]
@@ -165,7 +165,7 @@ class Given(NamedTuple):
         return parameters_of(self.parameter_values)
 
 
-class InBag(NamedTuple):
+class BagNames(NamedTuple):
     """Names in a bag as the options `--remap` and `--namespace` give them."""
 
     remaps: tuple[str, ...]
@@ -182,21 +182,21 @@ class InBag(NamedTuple):
         return names_in_bag(*self, *([inputs] if inputs else []))
 
 
-def together(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
+def combine_options(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
     """Combine several options into one decorator; the help text lists them in this order."""
     return lambda function: reduce(
         lambda decorated, option: option(decorated), reversed(options), function
     )
 
 
-def gathered(
+def group_options(
     name: str, kind: Any, *options: Callable[[Function], Function]
 ) -> Callable[[Function], Function]:
     """Combine several options into one decorator; the command gets their values as one argument, a tuple of a `kind`.
 
     The names of the options are those of its fields.
     """
-    decorate: Any = together(*options)
+    decorate: Any = combine_options(*options)
 
     def decorated(function: Function) -> Any:
         def command(**values: Any) -> None:
@@ -234,7 +234,7 @@ def parameter_options(*texts: str) -> Callable[[Function], Function]:
         help="Set a parameter, for example -p knee.joint_name:=knee_r. It overrides the files. Can be given several "
         "times.",
     )
-    return gathered("given", Given, parameter_files_option(*texts), value)
+    return group_options("given", ParameterOptions, parameter_files_option(*texts), value)
 
 
 def names_in_bag_options(
@@ -242,9 +242,9 @@ def names_in_bag_options(
     "reads.",
 ) -> Callable[[Function], Function]:
     """Make the options of names in a bag, which a command gets as `in_bag`; the help text of `--namespace` is given."""
-    return gathered(
+    return group_options(
         "in_bag",
-        InBag,
+        BagNames,
         click.option(
             "--remap",
             "remaps",

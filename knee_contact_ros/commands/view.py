@@ -15,7 +15,7 @@ import click
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics, files_of, others_beside
-from knee_contact_ros.commands.options import Given
+from knee_contact_ros.commands.options import ParameterOptions
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.solve import solve
@@ -37,16 +37,16 @@ from knee_contact_ros.system.output_files import check_name_free, check_not_inpu
 from knee_contact_ros.system.processes import LOCALHOST, check_port_free, interrupted_by_sigterm
 from knee_contact_ros.system.progress import OnProgress, progress
 from knee_contact_ros.system.terminal import say, warn
-from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
+from knee_contact_ros.view.anatomy import KneeOutlines, outlines_of_compartments
 from knee_contact_ros.view.output import (
     RerunFile,
-    address,
     connect_command,
-    look,
-    refuse_blind,
+    require_display,
+    run_viewer,
+    server_address,
     viewer_command,
 )
-from knee_contact_ros.view.scene import Pictures, Scene
+from knee_contact_ros.view.scene import PictureChoice, Scene
 
 SERVED = ("rerun+", "http://")
 """Beginnings of the address of a scene that a node or `--serve` serves"""
@@ -72,7 +72,7 @@ class RecordedKnee(NamedTuple):
 @interrupted_by_sigterm()
 def run_view(
     sources: Sequence[str],
-    given: Given,
+    given: ParameterOptions,
     save: Path | None,
     overwrite: bool,
     serve: bool,
@@ -101,7 +101,7 @@ def run_view(
         )
     _refuse_in_vain(save, overwrite, (port, port + 1) if serve else ())
     if addresses:
-        look(connect_command(addresses))
+        run_viewer(connect_command(addresses))
         return
     if sources[0].endswith(".rrd"):
         drawn = Path(sources[0])
@@ -143,7 +143,7 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
     for port in ports:
         check_port_free(port, "--port")
     if not save and not ports:
-        refuse_blind(ALTERNATIVES)
+        require_display(ALTERNATIVES)
 
 
 def recorded_knees(
@@ -198,7 +198,7 @@ def _knees(
         build_model(own, curves=curves)
         for own, curves in (answering(one, parameters, texts) for one in topics)
     ]
-    drawings = drawings_of(models, names, parameters.body_weight)
+    drawings = outlines_of_compartments(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
         yield RecordedKnee(path, topic, model, drawing, provenance.changes if provenance else ())
 
@@ -255,7 +255,7 @@ def _answers_of(
 
     Answers that are drawn get femoral x and normal, which messages do not hold.
     """
-    pictures, done = Pictures(), 0
+    pictures, done = PictureChoice(), 0
     for block in answer_blocks(knee.recording, knee.topic, advance):
         for i in pictures.choose(block["stamp"]).tolist():
             angle, height = float(block["flexion_angle"][i]), float(block["femoral_height"][i])
@@ -280,12 +280,12 @@ def _answers_of(
 def _present(path: Path, port: int | None) -> None:
     """Show a Rerun file in a window, or let Rerun serve it to browsers and viewers on this machine until Ctrl-C."""
     if port is None:
-        look(viewer_command(str(path)))
+        run_viewer(viewer_command(str(path)))
         return
-    scene, web = address(port), port + 1
+    scene, web = server_address(port), port + 1
     command = viewer_command("--serve-web", "--web-viewer-port", str(web), str(path), port=port)
     with suppress(KeyboardInterrupt):
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")
         click.echo("Ctrl-C ends it.")
-        look(command)
+        run_viewer(command)

@@ -57,9 +57,9 @@ from knee_contact_ros.view.anatomy import (
     NEWTONS_PER_MM,
     KneeOutlines,
     compartments_of,
-    drawings_of,
+    outlines_of_compartments,
 )
-from knee_contact_ros.view.output import address
+from knee_contact_ros.view.output import server_address
 
 COUNTED = answer_struct("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""
@@ -125,7 +125,7 @@ class ContactSession(Session):
         self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
         models = [compartment.model for compartment in pipeline.compartments]
         knees = compartments_of(knee_name(self._names[KNEE_CONTACT]), models)
-        markers = KneeMarkers(drawings_of(models, knees, parameters.body_weight))
+        markers = KneeMarkers(outlines_of_compartments(models, knees, parameters.body_weight))
         contacts = [compartment.topic for compartment in pipeline.compartments]
         self._offer(
             {
@@ -143,7 +143,7 @@ class ContactSession(Session):
         self._strides = StrideTopic(self._publishers[KNEE_CONTACT_STRIDE], parameters.body_weight)
         self._open()
         if parameters.rerun.mode in ("serve", "spawn"):
-            url = address(parameters.rerun.port)
+            url = server_address(parameters.rerun.port)
             node.get_logger().info(
                 f"the scene is served on this machine at {url}; to see it: knee-contact view {url}"
             )
@@ -359,14 +359,14 @@ class KneeMarkers:
         angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = values
         tibia, femur, point, arrow = markers
         tibia.pose, femur.pose = self._pose(0.0, 0.0, z), self._pose(femoral_x, height, z, angle)
-        point.pose, point.color = self._pose(x, y, z), self._colour(colours.OF_STATE[state])
+        point.pose, point.color = self._pose(x, y, z), self._colour(colours.STATE_COLOURS[state])
         length = LENGTH * force
         arrow.points = self._points([(x, y), (x + length * normal_x, y + length * normal_y)], z)
         arrow.action = arrow.ADD if force != 0.0 else arrow.DELETE
 
     def _markers_of(self, drawing: KneeOutlines) -> list[Any]:
         """Make the markers of a compartment, before they move: tibia, femur, contact point and force."""
-        kind, apart = self._types[MARKER], colours.OF_STATE[ContactState.SEPARATED]
+        kind, apart = self._types[MARKER], colours.STATE_COLOURS[ContactState.SEPARATED]
         tibia, femur = (self._points(line.tolist()) for line in (drawing.tibia, drawing.femur))
         return [
             self._marker(f"{drawing.knee}/tibia", kind.LINE_STRIP, LINE, colours.SURFACE, tibia),

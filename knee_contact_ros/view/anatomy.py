@@ -1,7 +1,7 @@
 """The knee as closed polygons in the sagittal plane: two bones with their cartilage, and where they overlap.
 
 All lengths are in metres; x is anterior, y superior. A polygon is an array of shape (n, 2) whose last point joins its
-first. `drawing_of` gives what a viewer's process needs of a model, `picture_of` the polygons of a tick.
+first. `outlines_of` gives what a viewer's process needs of a model, `picture_of` the polygons of a tick.
 
 The outer edges of the cartilage, which touch, are the surfaces of the model, up to the resolution of the drawn lines.
 Everything else is only drawn: the shafts, their joins to the surfaces, and the cartilage's thickness unless the contact
@@ -31,7 +31,7 @@ JOIN_POINTS = 24
 """Number of points from the end of a surface to the shaft"""
 TAPER = 0.12
 """Fraction of a surface, at each end, over which its cartilage thins out"""
-UNCOVERED = math.radians(42.0)
+SHAFT_ANGLE = math.radians(42.0)
 """Angle [rad] to each side of the shaft that is cut out of a closed femoral outline"""
 SHAFT_BEGIN, SHAFT_WIDTH, SHAFT_RISE, SHAFT_LENGTH = 0.10, 0.50, 0.28, 1.05
 """Dimensions of the femoral shaft, in extents of the condyle from posterior to anterior: distance from the condyle's
@@ -50,13 +50,13 @@ NEWTONS_PER_MM = 50.0
 """Scale of the force arrow [N/mm]"""
 WALKING = np.radians(np.arange(0.0, 81.0, 5.0))
 """Flexion angles [rad] of a walking knee at which its contact is computed"""
-SHALLOW = 1e-6
+SHALLOW_DEPTH = 1e-6
 """Depth [m] in the first layer of every law"""
-STILL = 1e-5
+MIN_MOVEMENT = 1e-5
 """Movement [m] of the contact point below which it counts as standing still"""
-POINTS = 13
+OVERLAP_POINTS = 13
 """Number of points along an overlap"""
-REACH, SAMPLES = 0.03, 97
+OVERLAP_REACH, OVERLAP_SAMPLES = 0.03, 97
 """Distance [m] to each side of the contact point within which the overlap lies, and number of points that are compared
 there to find its ends"""
 
@@ -111,13 +111,13 @@ class KneeOutlines(NamedTuple):
     @property
     def rings(self) -> bool:
         """Whether the first layer of the contact law has no damping, so that force and depth ripple."""
-        return self.law.force_at(SHALLOW, 0.0, impact_speed=1.0)[2] == 0.0
+        return self.law.force_at(SHALLOW_DEPTH, 0.0, impact_speed=1.0)[2] == 0.0
 
     @property
     def point_moves(self) -> bool:
         """Whether the contact of a walking knee moves along the plateau; that of a circle on a hinge does not."""
         low, high = self.contact_range
-        return high - low > STILL
+        return high - low > MIN_MOVEMENT
 
 
 class Picture(NamedTuple):
@@ -137,7 +137,7 @@ class Picture(NamedTuple):
     """Depth of the overlap [m]; negative when apart"""
 
 
-def drawings_of(
+def outlines_of_compartments(
     models: Sequence[KneeModel], names: Sequence[str], body_weight: float
 ) -> list[KneeOutlines]:
     """Make the outlines of the compartments of a knee: with shafts and plateaus of the same size.
@@ -177,9 +177,9 @@ def compartments_of(knee: str, models: Sequence[KneeModel]) -> list[str]:
     return [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
 
 
-def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
-    """Make the outlines of a knee with one compartment; see `drawings_of`."""
-    return drawings_of([model], [knee], body_weight)[0]
+def outlines_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
+    """Make the outlines of a knee with one compartment; see `outlines_of_compartments`."""
+    return outlines_of_compartments([model], [knee], body_weight)[0]
 
 
 def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatomy]:
@@ -215,7 +215,7 @@ def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatom
 
 def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) -> Picture:
     """Make the polygons of a tick, from the flexion angle [rad] and the femoral height [m] of its answer."""
-    knee = drawing_of(model, "", 1.0).anatomy
+    knee = outlines_of(model, "", 1.0).anatomy
     x, _ = model.pair.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
     closest = model.closest(flexion_angle, femoral_height)
@@ -223,11 +223,13 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur, tibia = model.pair.femur.outline(), model.pair.outline(10.0 * model.femoral_radius)
-        upper, lower = overlaps(placed(femur, *pose)[None], tibia, np.array(point[:1]))
+        upper, lower = find_overlaps(
+            to_tibia_frame(femur, *pose)[None], tibia, np.array(point[:1])
+        )
         overlap = np.concatenate([upper[0], lower[0, ::-1]])
     return Picture(
-        placed(knee.femur_bone, *pose),
-        placed(knee.femur_cartilage, *pose),
+        to_tibia_frame(knee.femur_bone, *pose),
+        to_tibia_frame(knee.femur_cartilage, *pose),
         knee.tibia_bone,
         knee.tibia_cartilage,
         overlap,
@@ -237,7 +239,7 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     )
 
 
-def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
+def to_tibia_frame(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
     """Transform points of the femur, shape (m, 2) [m], to the tibia frame; flexion turns anterior to superior.
 
     Angle [rad], x and height [m] are numbers, or arrays of shape (n,), which give points of shape (n, m, 2).
@@ -249,7 +251,7 @@ def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
     return np.stack([x + cosine * along - sine * up, height + sine * along + cosine * up], axis=-1)
 
 
-def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats, Floats]:
+def find_overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats, Floats]:
     """Find the overlap in `n` pictures: its points on the tibia, and those on the femur below or at them.
 
     Both are of shape (n, POINTS, 2) [m], from posterior to anterior, and the same where the surfaces are apart.
@@ -259,10 +261,10 @@ def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats, Floa
         tibia: outline of the tibia, shape (k, 2) [m], x ascending.
         middle: x of the contact point [m], shape (n,).
     """
-    x = middle[:, None] + np.linspace(-REACH, REACH, SAMPLES)
+    x = middle[:, None] + np.linspace(-OVERLAP_REACH, OVERLAP_REACH, OVERLAP_SAMPLES)
     deep = np.interp(x, *tibia.T) - lowest_at(femur, x)
     begin, end = _edge(x, deep), _edge(x[:, ::-1], deep[:, ::-1])
-    x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
+    x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, OVERLAP_POINTS)
     upper = np.interp(x, *tibia.T)
     return np.stack([x, upper], axis=2), np.stack(
         [x, np.minimum(lowest_at(femur, x), upper)], axis=2
@@ -282,7 +284,7 @@ def lowest_at(outlines: Floats, x: Floats) -> Floats:
 def _edge(x: Floats, deep: Floats) -> Floats:
     """Return where the outlines first cross along `x` [m], shape (n,); the middle of `x` where they do not overlap."""
     rows, inside = np.arange(len(x)), deep > 0.0
-    inside[:, SAMPLES // 2] = True
+    inside[:, OVERLAP_SAMPLES // 2] = True
     after = inside.argmax(axis=1)
     over = np.maximum(deep[rows, after], 0.0)
     under = np.where(
@@ -329,14 +331,14 @@ def _open(points: Floats) -> Floats:
             -np.arctan2(*(points[:-1] - middle).T), math.tau
         )  # from superior over posterior
         order = np.argsort(turn)
-        kept = (turn[order] > UNCOVERED) & (turn[order] < math.tau - UNCOVERED)
+        kept = (turn[order] > SHAFT_ANGLE) & (turn[order] < math.tau - SHAFT_ANGLE)
         return np.asarray(points[:-1][order][kept])
     return (
-        points if turns(points).sum() > 0.0 else points[::-1]
+        points if signed_areas(points).sum() > 0.0 else points[::-1]
     )  # as from posterior over inferior to anterior
 
 
-def turns(points: Floats) -> Floats:
+def signed_areas(points: Floats) -> Floats:
     """Return twice the area of the triangles from the origin to each side of a polygon; counterclockwise positive."""
     (x, y), (next_x, next_y) = points.T, np.roll(points, -1, axis=0).T
     return np.asarray(x * next_y - next_x * y)

@@ -31,12 +31,12 @@ COST: Colour = (190, 155, 45)
 CARTILAGE: Colour = (80, 155, 235)
 BONE: Colour = (240, 80, 165)
 SLIP: Colour = (205, 130, 95)
-WAY: Colour = (250, 205, 80)
-APART: Colour = (150, 155, 165)
+CONTACT_PATH: Colour = (250, 205, 80)
+SEPARATED: Colour = (150, 155, 165)
 
-OF_STATE = np.array([APART, CARTILAGE, BONE], dtype=np.uint8)
+STATE_COLOURS = np.array([SEPARATED, CARTILAGE, BONE], dtype=np.uint8)
 """Colours by `ContactState`"""
-NAME_OF_STATE = {
+STATE_NAMES = {
     ContactState.SEPARATED: "apart",
     ContactState.CARTILAGE: "cartilage",
     ContactState.BONE: "bone",

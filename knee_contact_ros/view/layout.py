@@ -23,7 +23,7 @@ from knee_contact_ros.view.anatomy import (
     SURFACE_POINTS,
     KneeOutlines,
     lowest_at,
-    placed,
+    to_tibia_frame,
 )
 
 TIMELINE = "stamp"
@@ -110,7 +110,7 @@ LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = colours.BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
 DEGREES = math.degrees(1.0)
-KNEE = (
+KNEE_PLOTS = (
     single(
         FLEXION,
         "Flexion angle [deg]",
@@ -175,7 +175,7 @@ KNEE = (
     ),
 )
 """Plots next to the sagittal plane"""
-SOLVER = (
+SOLVER_PLOTS = (
     Plot(
         "error",
         "Estimated errors: depth, violet [µm]; force, orange [N]",
@@ -216,9 +216,9 @@ SOLVER = (
     ),
 )
 """Plots in the last tab"""
-SHOWN = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", DEGREES)}
+PLOT_UNITS = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", DEGREES)}
 """Unit in which a plot shows numbers, and the factor to it, by SI unit"""
-DETAILS = (
+DETAIL_PLOTS = (
     single(
         CONTACT_POINT,
         "Contact point on the plateau, anterior > 0 [mm]",
@@ -240,7 +240,7 @@ DETAILS = (
         )
         for name, field in FIELDS.items()
         if field.plot
-        for unit, factor in [SHOWN.get(field.unit, (field.unit, 1.0))]
+        for unit, factor in [PLOT_UNITS.get(field.unit, (field.unit, 1.0))]
     ),
     Plot(
         "pressure",
@@ -293,10 +293,10 @@ DETAILS = (
     ),
 )
 """Plots in the second tab"""
-HEIGHT_DRIVEN = KNEE[1]._replace(
+HEIGHT_DRIVEN = KNEE_PLOTS[1]._replace(
     title="Contact force ± error [BW of {weight} N]",
     title_of_several="Contact force ± error, thick [BW of {weight} N]",
-    series=KNEE[1].series[:3],
+    series=KNEE_PLOTS[1].series[:3],
 )
 """Plot `FORCES` if the femoral height is prescribed, so that no load drives the model"""
 
@@ -310,11 +310,11 @@ def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
     """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
     plots = [
         HEIGHT_DRIVEN if plot.path == FORCES and drawing.height_prescribed else plot
-        for plot in KNEE
+        for plot in KNEE_PLOTS
     ]
     plots += [
         plot
-        for plot in (*DETAILS, *SOLVER)
+        for plot in (*DETAIL_PLOTS, *SOLVER_PLOTS)
         if (drawing.patch or not plot.read_off)
         and (latency or not plot.live)
         and (drawing.point_moves or plot.path != CONTACT_POINT)
@@ -366,9 +366,9 @@ def frame_of(drawing: KneeOutlines) -> Frame:
 def _touching(drawing: KneeOutlines, angle: float) -> Floats:
     """Return the femur's bone [m], tibia frame, at a flexion angle [rad], touching the tibia."""
     knee = drawing.anatomy
-    femur = placed(knee.femur_cartilage[:SURFACE_POINTS], angle, 0.0, 0.0)
+    femur = to_tibia_frame(knee.femur_cartilage[:SURFACE_POINTS], angle, 0.0, 0.0)
     x, y = knee.tibia_cartilage[:SURFACE_POINTS].T
-    return placed(
+    return to_tibia_frame(
         knee.femur_bone, angle, 0.0, -float((lowest_at(femur[None], x[None])[0] - y).min())
     )
 
@@ -390,7 +390,7 @@ def blueprint(
     by_path = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
     knee, details, solver = (
         [_plot(drawings, by_path[plot.path], follow) for plot in plots if plot.path in by_path]
-        for plots in (KNEE, DETAILS, SOLVER)
+        for plots in (KNEE_PLOTS, DETAIL_PLOTS, SOLVER_PLOTS)
     )
     first = drawings[0].knee
     explained = max(

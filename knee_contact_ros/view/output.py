@@ -32,34 +32,34 @@ from knee_contact_ros.system.processes import (
     running,
     start_process,
 )
-from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, drawings_of
+from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, outlines_of_compartments
 
 if TYPE_CHECKING:
     from knee_contact_ros.view.scene import Scene
 
 APPLICATION = "knee_contact_ros"
-NICENESS = 10
+VIEWER_NICENESS = 10
 """Niceness of a scene's process: unlike a recorder, whose unwritten data can be lost, it may wait for all others"""
 FILE_GATHER, LIVE_GATHER = 0.25, 0.05
 """Time [s] for which answers are gathered before they are sent to the scene's process, for a file and live"""
 SERVED_MEMORY = "64MB"
 """Memory that a server keeps for viewers that connect later; older data is dropped first"""
-BATCH = 4000
+BATCH_SIZE = 4000
 """Number of answers shown at a time: a message to Rerun costs as much as hundreds of answers"""
 FILE_PERIOD, LIVE_PERIOD = 1.0, 0.1
 """Longest time [s] that a batch waits to be full, for a file and for a live viewer"""
-PAUSE = 0.0005
+MESSAGE_PAUSE = 0.0005
 """Pause [s] between two messages to Rerun while a node runs, which then gets the processor"""
-BLOCK = 1 << 16
+PIPE_SIZE = 1 << 16
 """Bytes that a pipe holds"""
 NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
+DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY_LIMIT = "1GB"
 """Memory that a node's viewer may take; older data is dropped first"""
-IN_BACKGROUND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
+LOW_PRIORITY_PREFIX = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
 """Prefix of the command of a node's viewer, which runs at low priority, so that no tick waits for it, and obeys signals
 that the process of a scene ignores"""
-END = 5.0
+VIEWER_EXIT_TIMEOUT = 5.0
 """Time [s] that a viewer may take to end"""
 
 
@@ -73,7 +73,7 @@ def sink_for(knee: RecordedKnee) -> Sink | None:
     models = tuple(knee.models.values())
     if rerun.mode == "off":
         return None
-    executable(f"parameter rerun.mode: {rerun.mode}: ")
+    require_viewer(f"parameter rerun.mode: {rerun.mode}: ")
     knees = tuple(one.strip() for one in rerun.knees.split(",")) if rerun.knees else ()
     if knees and (name not in knees or "" in knees):
         raise UsageError(
@@ -83,12 +83,12 @@ def sink_for(knee: RecordedKnee) -> Sink | None:
     own = compartments_of(name, models)
     if len(models) > 1:  # each is a knee of its own to a viewer
         knees = tuple(part for one in knees or (name,) for part in compartments_of(one, models))
-    drawings = drawings_of(models, own, knee.parameters.body_weight)
+    drawings = outlines_of_compartments(models, own, knee.parameters.body_weight)
     arguments = path, drawings, rerun.port, rerun.mode == "spawn", knees
     kind = "Rerun recording" if path else f"Rerun scene on port {rerun.port}"
     gather = FILE_GATHER if path else LIVE_GATHER
     return Sink(
-        "viewer", kind, str(path or ""), __name__, arguments, "row", True, NICENESS, gather
+        "viewer", kind, str(path or ""), __name__, arguments, "row", True, VIEWER_NICENESS, gather
     )
 
 
@@ -109,7 +109,7 @@ def open_output(
         knees: Names of all knees that share the viewer, with this one's; empty: this knee has the viewer for itself.
 
     Raises:
-        UsageError: the output cannot be opened; see `RerunFile`, `serve` and `Window`.
+        UsageError: the output cannot be opened; see `RerunFile`, `serve` and `ViewerWindow`.
     """
     from knee_contact_ros.view.scene import Scene
 
@@ -131,9 +131,9 @@ def open_output(
         among = list(knees) or among
         drawings = [known.get(name, own[0]._replace(knee=name)) for name in among]
         recording = serve(port, drawings, "+".join(knees) or None)
-        window = Window(address(port)) if spawn else None
+        window = ViewerWindow(server_address(port)) if spawn else None
     scenes = [
-        Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, among=among)
+        Scene(recording, one, latency=True, pause=MESSAGE_PAUSE, forgetful=not path, among=among)
         for one in own
     ]
     return Viewer(recording, scenes, file, remarks, window)
@@ -148,7 +148,7 @@ class Viewer:
         scenes: Sequence[Scene],
         file: RerunFile | None,
         remarks: Sequence[str],
-        window: Window | None,
+        window: ViewerWindow | None,
     ) -> None:
         """Show each compartment in one of the `scenes`, which write to Rerun's `recording`, perhaps one in a `file`.
 
@@ -163,7 +163,7 @@ class Viewer:
     def write(self, parts: Sequence[bytes]) -> None:
         """Add the rows of answers to the batch, and show it if it is full."""
         self._batch += parts
-        if len(self._batch) >= BATCH:
+        if len(self._batch) >= BATCH_SIZE:
             self._show()
 
     def note(self, name: str, values: dict[str, str]) -> None:
@@ -292,30 +292,30 @@ class RerunFile:
         with os.fdopen(self._source, "rb", buffering=0) as source:
             try:
                 with self._file as file:  # a network disk may report an error when it is closed
-                    while data := source.read(BLOCK):
+                    while data := source.read(PIPE_SIZE):
                         file.write(data)
                         file.flush()
             except OSError as error:
                 error.filename = str(self._partial)
                 self._error = error
-                while source.read(BLOCK):
+                while source.read(PIPE_SIZE):
                     pass
 
 
-class Window:
+class ViewerWindow:
     """A viewer that this process started and that shows what is served at an address; it stays when we end."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, server_address: str) -> None:
         """Start the viewer.
 
         Raises:
             UsageError: Rerun is not installed, or there is no screen.
         """
-        refuse_blind("parameter rerun.mode can be serve or file")
-        self._address = address
+        require_display("parameter rerun.mode can be serve or file")
+        self._address = server_address
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
         self._process: Process | None = start_process(
-            connect_command([address]), self._log, start_new_session=True
+            connect_command([server_address]), self._log, start_new_session=True
         )
 
     def news(self) -> tuple[str, ...]:
@@ -327,12 +327,12 @@ class Window:
         return (f"the Rerun viewer {_ending(code, self._log)}; {still}",)
 
 
-def address(port: int) -> str:
+def server_address(port: int) -> str:
     """Return the address at which a viewer connects to a server of this machine."""
     return f"rerun+http://{LOCALHOST}:{port}/proxy"
 
 
-def installed_viewer() -> Path | None:
+def find_viewer() -> Path | None:
     """Return Rerun's viewer, wherever Python finds its package; None if it is not installed.
 
     Rerun's library for Python is in the same package: either both are installed or neither.
@@ -342,30 +342,30 @@ def installed_viewer() -> Path | None:
     return next((path for folder in folders if (path := Path(folder) / "rerun").exists()), None)
 
 
-def executable(wanted: str = "") -> Path:
+def require_viewer(wanted: str = "") -> Path:
     """Return Rerun's viewer; `wanted` begins the message of the error.
 
     Raises:
         UsageError: Rerun is not installed.
     """
-    path = installed_viewer()
+    path = find_viewer()
     if path is None:
         raise UsageError(f"{wanted}{NOT_INSTALLED}")
     return path
 
 
-def has_screen() -> bool:
+def has_display() -> bool:
     """Return whether this process can open windows on a screen."""
-    return any(os.environ.get(name) for name in SCREENS)
+    return any(os.environ.get(name) for name in DISPLAY_VARIABLES)
 
 
-def refuse_blind(instead: str) -> None:
+def require_display(instead: str) -> None:
     """Refuse to open a viewer without a screen; the error says what to do `instead`.
 
     Raises:
         UsageError: there is no screen.
     """
-    if not has_screen():
+    if not has_display():
         raise UsageError(f"there is no screen for a viewer (DISPLAY is not set); {instead}")
 
 
@@ -378,22 +378,22 @@ def viewer_command(*options: str, port: int = 0) -> list[str]:
         UsageError: Rerun is not installed.
     """
     server = ("--bind", LOCALHOST, "--port", str(port or free_port()))
-    return ["env", "NO_COLOR=1", str(executable()), *server, *options]
+    return ["env", "NO_COLOR=1", str(require_viewer()), *server, *options]
 
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """Return the command of a viewer that shows the scenes served at addresses."""
-    return [*IN_BACKGROUND, *viewer_command("--memory-limit", MEMORY_LIMIT, *addresses)]
+    return [*LOW_PRIORITY_PREFIX, *viewer_command("--memory-limit", MEMORY_LIMIT, *addresses)]
 
 
-def look(command: Sequence[str]) -> None:
+def run_viewer(command: Sequence[str]) -> None:
     """Run the command of a viewer until it ends.
 
     Raises:
         IncompleteError: the viewer failed.
     """
     with tempfile.TemporaryFile() as log:
-        with running(command, log, END) as process:
+        with running(command, log, VIEWER_EXIT_TIMEOUT) as process:
             code = process.wait()
         if code:
             raise IncompleteError(f"the Rerun viewer {_ending(code, log)}")

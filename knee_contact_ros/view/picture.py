@@ -25,7 +25,7 @@ MAGNIFICATION = 10.0
 """Factor by which the depth of the overlap is magnified along the normal, as in the viewer"""
 NAME_INSIDE = {"femur": 11.0, "tibia": 4.0}
 """Distances [mm] of the bones' names from the ends of their shafts"""
-GRAPHS: dict[str, Any] = {
+CURVES_STYLE: dict[str, Any] = {
     "font.size": 10,
     "axes.titlesize": 10,
     "axes.spines.top": False,
@@ -40,7 +40,7 @@ GRAPHS: dict[str, Any] = {
 
 
 @contextmanager
-def drawn(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> Iterator[Any]:
+def png_figure(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> Iterator[Any]:
     """Yield a matplotlib figure of a size [in] and style to draw on, then write it as PNG into a file or path."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
@@ -71,8 +71,8 @@ def draw_knee(
         fill(axis, MM * bone, BONE)
         fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
     layer = min(model.cartilage_thickness, model.law.thickness)
-    fill(axis, MM * magnified(picture, layer), OVERLAP, OVERLAP)
-    fill(axis, MM * magnified(picture, math.inf, layer), DEEP, DEEP)
+    fill(axis, MM * magnified_overlap(picture, layer), OVERLAP, OVERLAP)
+    fill(axis, MM * magnified_overlap(picture, math.inf, layer), DEEP, DEEP)
     everything = MM * np.concatenate(picture[:4])
     (left, bottom), (right, top) = everything.min(axis=0), everything.max(axis=0)
     aside = max(2.0, 0.5 * (SLENDER * (top - bottom) - (right - left)))
@@ -118,7 +118,7 @@ def draw_knee(
     axis.text(right - 11.5, y, "10 mm", ha="right", **style)
 
 
-def magnified(picture: Picture, most: float, least: float = 0.0) -> Floats:
+def magnified_overlap(picture: Picture, most: float, least: float = 0.0) -> Floats:
     """Return the polygon [m] of the overlap from a depth to a deeper one [m], its depth magnified along the normal."""
     upper, lower = np.split(picture.overlap, 2)
     depth, normal = (upper - lower[::-1])[:, 1:] * picture.normal[1], np.array(picture.normal)

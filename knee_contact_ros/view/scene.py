@@ -29,13 +29,13 @@ from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view import colours, layout
 from knee_contact_ros.view.anatomy import (
     NEWTONS_PER_MM,
-    POINTS,
+    OVERLAP_POINTS,
     KneeOutlines,
-    overlaps,
-    placed,
-    turns,
+    find_overlaps,
+    signed_areas,
+    to_tibia_frame,
 )
-from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
+from knee_contact_ros.view.colours import KNEE_COLOURS, STATE_NAMES, Colour
 from knee_contact_ros.view.layout import MAGNIFICATION, SCALE_BAR
 
 ON_SCREEN = np.array([MM, -MM])
@@ -75,7 +75,7 @@ NO_PHASE = "no stride yet"
 """Before the first of these events"""
 PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40)]
 STATES: dict[str, tuple[Sequence[str], Any]] = {
-    layout.CONTACT: ([*NAME_OF_STATE.values()], colours.OF_STATE.tolist()),
+    layout.CONTACT: ([*STATE_NAMES.values()], colours.STATE_COLOURS.tolist()),
     layout.LEVEL: (LEVEL_NAMES, LEVEL_COLOURS),
     layout.GAIT: ([*PHASES.values(), NO_PHASE], PHASE_COLOURS),
 }
@@ -135,7 +135,7 @@ class Scene:
         )
         self._plots, self._among = layout.plots_of(drawing, latency), among
         self._layer, self._law_known = drawing.second_layer, True
-        self._pictures, self._remarks = Pictures(), Remarks(drawing.body_weight)
+        self._pictures, self._remarks = PictureChoice(), Remarks(drawing.body_weight)
         self._count, self._last_stamp, self._dated, self._has_events = 0, 0, False, False
         self._before, self._states = blank_answers(0), dict[str, int]()
         self._notes: list[tuple[str, Mapping[str, str]]] = []
@@ -343,7 +343,7 @@ class Scene:
             time.sleep(self._pause)
 
 
-class Pictures:
+class PictureChoice:
     """Selects the answers that are drawn: the first of every `PICTURE_PERIOD`."""
 
     def __init__(self) -> None:
@@ -384,16 +384,19 @@ def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
             rr.LineStrips3D(edges, colors=[colours.EDGE, colours.COVER], radii=[THIN]),
         )
     paints = [colours.CARTILAGE, colours.CARTILAGE, *([colours.BONE] if drawing.has_bone else [])]
-    near = np.arange(POINTS - 1)[
+    near = np.arange(OVERLAP_POINTS - 1)[
         :, None
     ]  # a band between two rows of points, which follow each other
     band = np.concatenate(
-        [near + np.array([0, 1, POINTS]), near + np.array([POINTS, 1, POINTS + 1])]
+        [
+            near + np.array([0, 1, OVERLAP_POINTS]),
+            near + np.array([OVERLAP_POINTS, 1, OVERLAP_POINTS + 1]),
+        ]
     )
-    indices = np.concatenate([band + 2 * POINTS * number for number in range(len(paints))]).astype(
-        np.uint32
-    )
-    tints = np.array(paints, dtype=np.uint8).repeat(2 * POINTS, axis=0)
+    indices = np.concatenate(
+        [band + 2 * OVERLAP_POINTS * number for number in range(len(paints))]
+    ).astype(np.uint32)
+    tints = np.array(paints, dtype=np.uint8).repeat(2 * OVERLAP_POINTS, axis=0)
     yield OVERLAP, rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=tints)
 
 
@@ -424,7 +427,9 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     yield POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP)
     yield (
         layout.PATH,
-        rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE),
+        rr.Points2D.from_fields(
+            colors=[colours.CONTACT_PATH], radii=[PATH_SIZE], draw_order=ABOVE
+        ),
     )
     yield ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[WIDE])
     yield (
@@ -437,10 +442,10 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
 def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of poses and overlaps, at least one; the second layer begins at the depth `layer` [m]."""
     yield FEMUR, _pose(answers)
-    femur = placed(
+    femur = to_tibia_frame(
         drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"]
     )
-    rows = [*overlaps(femur, drawing.tibia, answers["contact_point"]["x"])]
+    rows = [*find_overlaps(femur, drawing.tibia, answers["contact_point"]["x"])]
     normal = np.stack([answers["normal_x"], answers["normal_y"]], axis=1)
     depth = (rows[0] - rows[1])[..., 1] * normal[:, None, 1]
     # As it is, and its layers with their depth magnified; each along the tibia and along the femur.
@@ -450,7 +455,7 @@ def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator
     yield (
         OVERLAP,
         rr.Mesh3D.columns(vertex_positions=vertices).partition(
-            np.full(len(answers), len(rows) * POINTS)
+            np.full(len(answers), len(rows) * OVERLAP_POINTS)
         ),
     )
 
@@ -462,7 +467,7 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
         np.stack([answers["contact_point"]["x"], answers["contact_point"]["y"]], axis=1)
         * ON_SCREEN
     )
-    tints = colours.OF_STATE[answers["contact_state"].astype(int)]
+    tints = colours.STATE_COLOURS[answers["contact_state"].astype(int)]
     yield POINT, rr.Points2D.columns(positions=point, colors=tints)
     yield layout.PATH, rr.Points2D.columns(positions=point)
     force = answers["contact_force"]
@@ -540,7 +545,7 @@ def triangles_of(polygon: Floats) -> Triangles:
 
     Ears that are not next to each other are cut off together.
     """
-    left = np.arange(len(polygon))[:: 1 if turns(polygon).sum() > 0.0 else -1]
+    left = np.arange(len(polygon))[:: 1 if signed_areas(polygon).sum() > 0.0 else -1]
     triangles = []
     while len(left) > 3:
         corners = np.stack([np.roll(left, 1), left, np.roll(left, -1)])

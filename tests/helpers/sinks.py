@@ -38,8 +38,8 @@ from knee_contact_ros.streams.topics import (
     Answer,
     Ending,
 )
-from knee_contact_ros.view.anatomy import drawing_of
-from knee_contact_ros.view.output import NICENESS, open_output
+from knee_contact_ros.view.anatomy import outlines_of
+from knee_contact_ros.view.output import VIEWER_NICENESS, open_output
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
@@ -141,7 +141,7 @@ class Started:
 
     def viewer(self, path: Path, wait: bool = True, queue: MayWait = QUEUE) -> SinkProcess:
         """A viewer."""
-        arguments = path, [drawing_of(MODEL, "knee", 737.0)]
+        arguments = path, [outlines_of(MODEL, "knee", 737.0)]
         sink = Sink(
             "viewer",
             "Rerun recording",
@@ -150,7 +150,7 @@ class Started:
             arguments,
             "row",
             True,
-            NICENESS,
+            VIEWER_NICENESS,
         )
         return self.begun(sink, wait, queue, "rerun")
 

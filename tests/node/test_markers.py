@@ -13,8 +13,8 @@ from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.types import Contact, ContactState
 from knee_contact_ros.node.contact_node import LENGTH, KneeMarkers
 from knee_contact_ros.streams.topics import typestore
-from knee_contact_ros.view.anatomy import PLATEAU_REACH, drawing_of
-from knee_contact_ros.view.colours import OF_STATE
+from knee_contact_ros.view.anatomy import PLATEAU_REACH, outlines_of
+from knee_contact_ros.view.colours import STATE_COLOURS
 from tests.helpers.answers import contact
 from tests.helpers.markers import distance, drawn, place_of, sagitta
 
@@ -52,7 +52,7 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
     assert (
         sagitta(model.pair.femur.outline()) < 0.02 * series.penetration_depth.max()
     )  # else it would say nothing
-    knee = KneeMarkers([drawing_of(model, "knee", 700.0)])
+    knee = KneeMarkers([outlines_of(model, "knee", 700.0)])
     for answer in series:
         markers = read(knee, "tibia", answer)
         surface, plateau = drawn(markers[FEMUR]), drawn(markers[TIBIA])
@@ -84,12 +84,12 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
 
 
 def test_the_point_has_the_colour_of_the_state_and_a_pull_points_the_other_way() -> None:
-    knee = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
+    knee = KneeMarkers([outlines_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     for state in ContactState:
         colour = read(knee, "tibia", contact(contact_state=int(state)))[POINT].color
         assert (
             np.round(255.0 * np.array([colour.r, colour.g, colour.b])).tolist()
-            == OF_STATE[state].tolist()
+            == STATE_COLOURS[state].tolist()
         )
     force = read(knee, "tibia", contact(contact_force=-50.0))[FORCE]
     begin, end = drawn(force)
@@ -99,7 +99,7 @@ def test_the_point_has_the_colour_of_the_state_and_a_pull_points_the_other_way()
 
 def test_nothing_is_left_of_the_answer_before() -> None:
     """One message is written over again and again, in other frames too."""
-    markers = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
+    markers = KneeMarkers([outlines_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     apart = {
         "contact_force": 0.0,
         "contact_state": 0,
@@ -114,5 +114,5 @@ def test_nothing_is_left_of_the_answer_before() -> None:
     ]
     for frame_id in ("tibia_l", "tibia_l", "a longer name", "tibia_r"):
         for answer in answers:
-            alone = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
+            alone = KneeMarkers([outlines_of(knee_contact_ros.load_model({}), "knee", 700.0)])
             assert str(read(markers, frame_id, answer)) == str(read(alone, frame_id, answer))

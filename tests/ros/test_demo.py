@@ -18,7 +18,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORDED
-from knee_contact_ros.view.output import SCREENS
+from knee_contact_ros.view.output import DISPLAY_VARIABLES
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
 from tests.helpers.processes import internet_sockets
 from tests.helpers.terminals import Terminal
@@ -230,7 +230,7 @@ def test_on_a_terminal_with_a_screen_it_offers_to_open_the_scene(
     """Ctrl-D is a no; what is opened here is Rerun's viewer, which says that there is no such screen."""
     offers = f"offer(Path('{tmp_path}/a.rrd')); " * 3
     code = f"from pathlib import Path; from knee_contact_ros.commands.demo import offer; {offers}"
-    for screen in SCREENS:
+    for screen in DISPLAY_VARIABLES:
         monkeypatch.delenv(screen, raising=False)
     with Terminal(sys.executable, "-c", code) as terminal:
         assert "Open" not in terminal.wait_for(r"(?s)^(.*)\[ended with 0")[1]

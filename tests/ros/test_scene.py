@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros.system.processes import free_port
-from knee_contact_ros.view.layout import DETAILS, SOLVER
+from knee_contact_ros.view.layout import DETAIL_PLOTS, SOLVER_PLOTS
 from tests.helpers.viewer import rendered, shown_to, wait_for, window_of
 from tests.ros.conftest import Peer, Start
 from tests.ros.test_outputs import children, walk
@@ -57,7 +57,7 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     with rendered(address(port)) as screen:
         wait_for(lambda: shown_to(screen.state) >= 399 * 5_000_000, "the viewer to have all")
         # plots of a circle; plane, words, events, states, leg
-        assert len(screen.views()) == 2 + len(DETAILS) + len(SOLVER) + 6
+        assert len(screen.views()) == 2 + len(DETAIL_PLOTS) + len(SOLVER_PLOTS) + 6
         assert screen.complaints() == []
         walk(peer, 400, 100)
         wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")
@@ -127,7 +127,7 @@ def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
         names = list(screen.views())
         assert screen.complaints() == []
     plots = {name for name in names if name.endswith(": left blue, right orange")}
-    assert len(plots) == 2 + len(DETAILS) + len(SOLVER)
+    assert len(plots) == 2 + len(DETAIL_PLOTS) + len(SOLVER_PLOTS)
     each = {
         f"{side}: {what}"
         for side in ports

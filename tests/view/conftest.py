@@ -30,7 +30,7 @@ def osteoarthritic(
 @pytest.fixture(scope="package")
 def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, Rows]:
     """The same knee, and its gait."""
-    from knee_contact_ros.view.anatomy import drawing_of
+    from knee_contact_ros.view.anatomy import outlines_of
     from tests.view.scenes import WEIGHT, answered
 
     stream = ContactPipeline(
@@ -38,7 +38,7 @@ def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, Rows]:
         compiled=False,
     )
     rows = answered(stream, right_bag)
-    return drawing_of(stream.model, "knee", WEIGHT), rows
+    return outlines_of(stream.model, "knee", WEIGHT), rows
 
 
 @pytest.fixture(scope="package")

@@ -15,14 +15,14 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.view import picture
 from knee_contact_ros.view.anatomy import (
     DRAWN_THICKNESS,
-    REACH,
+    OVERLAP_REACH,
     SURFACE_POINTS,
     Anatomy,
     Picture,
-    drawing_of,
+    outlines_of,
     picture_of,
 )
-from knee_contact_ros.view.picture import magnified
+from knee_contact_ros.view.picture import magnified_overlap
 
 DEPTH = 0.7e-3
 KNEES: dict[str, list[Any]] = {
@@ -48,7 +48,7 @@ def model_of(config: Path, name: str) -> KneeModel:
 
 
 def anatomy_of(model: KneeModel) -> Anatomy:
-    return drawing_of(model, "knee", 700.0).anatomy
+    return outlines_of(model, "knee", 700.0).anatomy
 
 
 def pressed(model: KneeModel, angle: float, depth: float = DEPTH) -> Picture:
@@ -184,7 +184,7 @@ def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfac
     None
 ):
     whole = picture_of(load_model({}), 0.2, -0.03).overlap
-    assert np.ptp(whole[:, 0]) == pytest.approx(2.0 * REACH)
+    assert np.ptp(whole[:, 0]) == pytest.approx(2.0 * OVERLAP_REACH)
     picture = picture_of(load_model({}), 0.2, 0.035)
     assert picture.depth == pytest.approx(-1e-3)
     assert picture.overlap.shape == (0, 2)
@@ -196,10 +196,10 @@ def test_what_is_drawn_is_as_deep_as_it_says() -> None:
     )  # a circle on a plane
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
     assert np.ptp(posed.overlap[:, 1]) == pytest.approx(0.7e-3, abs=1e-5)
-    deep = magnified(posed, np.inf, 0.5e-3)
+    deep = magnified_overlap(posed, np.inf, 0.5e-3)
     assert np.ptp(deep[:, 1]) == pytest.approx(2e-3, abs=1e-4)
-    assert np.ptp(magnified(posed, 0.5e-3)[:, 1]) == pytest.approx(5e-3, abs=1e-4)
-    assert not len(magnified(posed, np.inf, 0.8e-3))
+    assert np.ptp(magnified_overlap(posed, 0.5e-3)[:, 1]) == pytest.approx(5e-3, abs=1e-4)
+    assert not len(magnified_overlap(posed, np.inf, 0.8e-3))
 
 
 @pytest.mark.parametrize(

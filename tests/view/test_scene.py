@@ -18,13 +18,19 @@ from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view import layout
-from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of, drawings_of, placed
+from knee_contact_ros.view.anatomy import (
+    OVERLAP_POINTS,
+    KneeOutlines,
+    outlines_of,
+    outlines_of_compartments,
+    to_tibia_frame,
+)
 from knee_contact_ros.view.colours import KNEE_COLOURS
 from knee_contact_ros.view.layout import (
-    DETAILS,
+    DETAIL_PLOTS,
     FORCES,
-    KNEE,
-    SOLVER,
+    KNEE_PLOTS,
+    SOLVER_PLOTS,
     about,
     plane_title,
     plots_of,
@@ -58,7 +64,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     }
     stream = ContactPipeline(load_parameters(names), compiled=False)
     rows, model = answered(stream, right_bag, 240), stream.model
-    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
+    path = written(tmp_path / "knee.rrd", outlines_of(model, "knee", WEIGHT), [rows])
 
     def drawn(entity: str, component: str) -> np.ndarray:
         """One vector per tick, y turned from the screen's direction (down) to the tibia's (up)."""
@@ -115,9 +121,9 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> N
     rows = knee[1]
     corners = column(drawn, "/knee/body/overlap", "Mesh3D:vertex_positions")
     # As it is, and magnified: its cartilage, its bone; each along the tibia and along the femur.
-    assert corners.shape == (len(rows), 3 * 2 * POINTS, 3)
+    assert corners.shape == (len(rows), 3 * 2 * OVERLAP_POINTS, 3)
     upper, lower, top, cartilage, bone, bottom = corners.reshape(
-        len(rows), 6, POINTS, 3
+        len(rows), 6, OVERLAP_POINTS, 3
     ).transpose(1, 0, 2, 3)
     depth, point = 1e3 * rows["penetration_depth"], 1e3 * rows["contact_point"]["x"]
     # 13 points: the deepest is within half a step, 1/24 of the width, and a parabola is 1/144 lower there; the
@@ -137,10 +143,10 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> N
 def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: Path) -> None:
     flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
     rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
-    drawing = drawing_of(load_model({}), "knee", WEIGHT)
+    drawing = outlines_of(load_model({}), "knee", WEIGHT)
     path = written(tmp_path / "knee.rrd", drawing, [at(rows, [0, PICTURE_PERIOD])])
     corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
-    assert corners.shape == (2, 2 * 2 * POINTS, 3)
+    assert corners.shape == (2, 2 * 2 * OVERLAP_POINTS, 3)
     assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
     assert texts_of(path, "sagittal/depth", "Points2D:labels")[0] == "14.00 mm apart"
     words, point = (
@@ -184,10 +190,10 @@ def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
     )  # the same arithmetic in another order: a few roundings of 1e-16
     curves = {
         plot.path: column(drawn, f"/knee/curves/{plot.path}")
-        for plot in (*KNEE, *DETAILS, *SOLVER)
+        for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
         if not (plot.live or plot.read_off)
     }
-    for plot in (*KNEE, *DETAILS, *SOLVER):
+    for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS):
         assert plot.live or plot.read_off or curves[plot.path].shape == (387, len(plot.series)), (
             plot
         )
@@ -233,14 +239,18 @@ def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
     config: Path, right_bag: Path, tmp_path: Path, files: list[str]
 ) -> None:
     stream = ContactPipeline(load_parameters([config / file for file in files]), compiled=False)
-    drawing = drawing_of(stream.model, "knee", WEIGHT)
+    drawing = outlines_of(stream.model, "knee", WEIGHT)
     rows = answered(stream, right_bag, 150).copy()
     rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)
     path = written(tmp_path / "knee.rrd", drawing, [rows], latency=True)
     with_bone, moving = "osteoarthritis.yaml" in files, len(files) > 1
     plots = plots_of(drawing, latency=True)
     assert ("contact_point" in [plot.path for plot in plots]) == moving
-    assert ("ripple" in about(drawing)) == ("rings" in title_of([drawing], KNEE[2])) == with_bone
+    assert (
+        ("ripple" in about(drawing))
+        == ("rings" in title_of([drawing], KNEE_PLOTS[2]))
+        == with_bone
+    )
     for plot in plots:
         curve = column(path, f"/knee/curves/{plot.path}")
         assert np.isfinite(curve).all()
@@ -259,7 +269,7 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
     model = load_model({"drive": "displacement"})
     time, angle = np.arange(0.0, 0.2, 0.01), np.full(20, 0.3)
     rows = np.asarray(model.run(time, angle, 0.0 * time, 0.0335 - 1e-4 * np.sin(30.0 * time)))
-    drawing = drawing_of(model, "knee", WEIGHT)
+    drawing = outlines_of(model, "knee", WEIGHT)
     (forces,) = (plot for plot in plots_of(drawing, latency=False) if plot.path == FORCES)
     assert title_of([drawing], forces) == "Contact force ± error [BW of 737 N]"
     assert not any("load" in series.name for series in forces.series)
@@ -338,7 +348,7 @@ def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
 
 def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
     drawings = [
-        drawing_of(load_model([config / file for file in files]), "knee", WEIGHT)
+        outlines_of(load_model([config / file for file in files]), "knee", WEIGHT)
         for files in SHIPPED
     ]
     ends_of = layout.bounds_of(drawings).range.as_arrow_array().to_pylist()[0].values()
@@ -347,7 +357,7 @@ def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
         lowest = knee.femur_cartilage[:, 1].min()
         for angle in (0.0, 1.0):
             points = 1e3 * np.concatenate(
-                [placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone]
+                [to_tibia_frame(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone]
             )
             for axis, ends in zip((points[:, 0], -points[:, 1]), ends_of, strict=True):
                 assert ends[0] < axis.min() < axis.max() < ends[1]
@@ -358,13 +368,16 @@ def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
 )
 def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, float]) -> None:
     model = load_model(["healthy", changes])
-    drawing = drawing_of(model, "knee", WEIGHT)
+    drawing = outlines_of(model, "knee", WEIGHT)
     frame = layout.frame_of(drawing)
     for angle in (0.0, 1.0):
         x, _ = model.pair.mechanism.translation(angle)
         touching = model.closest(angle, 1.0)
         height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
-        assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
+        assert (
+            frame.y[0]
+            < -1e3 * to_tibia_frame(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
+        )
     assert (frame.y[1] - frame.scale[1]) / (
         frame.y[1] - frame.y[0]
     ) > 0.05  # below the marks, where their words stand
@@ -383,28 +396,28 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
             np.ptp(drawing.anatomy.tibia_bone[:, 0])
         )
 
-    alone = [sizes(drawing_of(model, "knee", WEIGHT)) for model in models]
+    alone = [sizes(outlines_of(model, "knee", WEIGHT)) for model in models]
     assert alone[1] > tuple(1.1 * size for size in alone[0])
-    medial, lateral = map(sizes, drawings_of(models, ["medial", "lateral"], WEIGHT))
+    medial, lateral = map(sizes, outlines_of_compartments(models, ["medial", "lateral"], WEIGHT))
     assert medial == pytest.approx(lateral, rel=1e-9)
 
 
 def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
     drawing, _ = knee
     both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
-    assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
+    assert title_of(both, KNEE_PLOTS[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
-    assert title_of([still, drawing], DETAILS[0]).endswith("[mm]: knee orange")
+    assert title_of([still, drawing], DETAIL_PLOTS[0]).endswith("[mm]: knee orange")
     assert len({*KNEE_COLOURS.values()}) == len(KNEE_COLOURS)
     four = [
         drawing._replace(knee=f"{side}_{of}")
         for side in ("left", "right")
         for of in ("medial", "lateral")
     ]
-    assert title_of(four, KNEE[0]) == (
+    assert title_of(four, KNEE_PLOTS[0]) == (
         "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
     )
-    for plot in (*KNEE, *DETAILS, *SOLVER):
+    for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS):
         title = title_of(four, plot)
         assert len(title) <= layout.LONGEST_TITLE
         assert title.endswith((": colours as for flexion", "right_lateral violet"))
@@ -421,7 +434,11 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
         ]
         return float(np.dot([0.2126, 0.7152, 0.0722], linear))
 
-    series = {series.colour for plot in (*KNEE, *DETAILS, *SOLVER) for series in plot.series}
+    series = {
+        series.colour
+        for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
+        for series in plot.series
+    }
     for colour in {layout.LAYER_COLOUR, *KNEE_COLOURS.values(), *series}:
         light = luminance(colour)
         assert 1.05 / (light + 0.05) > 2.5, colour

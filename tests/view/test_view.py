@@ -36,16 +36,20 @@ from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
-from knee_contact_ros.view.anatomy import drawing_of
+from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
-from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
-from knee_contact_ros.view.output import NOT_INSTALLED, executable, open_output
+from knee_contact_ros.view.layout import CONTACT_POINT, DETAIL_PLOTS, KNEE_PLOTS, SOLVER_PLOTS
+from knee_contact_ros.view.output import NOT_INSTALLED, open_output, require_viewer
 from tests.helpers.processes import NO_BYTECODE, has_ended
 from tests.helpers.viewer import pixels_of, rendered, wait_for, window_of
 from tests.view.scenes import answers_of, column, entities, lists, texts_of
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
-RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not (plot.live or plot.read_off)]
+RECORDED = [
+    plot
+    for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
+    if not (plot.live or plot.read_off)
+]
 ANSWERS = MESSAGE_TYPES["knee_contact"]
 
 
@@ -57,7 +61,7 @@ def test_a_recording_looks_as_it_did_live(
         compiled=False,
     )
     now, then = tmp_path / "live.rrd", tmp_path / "later.rrd"
-    live = open_output(now, [drawing_of(stream.model, "knee", 737.068)])
+    live = open_output(now, [outlines_of(stream.model, "knee", 737.068)])
     for answer in answers_of(stream, right_bag):
         live.write([answer.row])
     live.finish(Ending((), {}))
@@ -339,7 +343,7 @@ def test_the_viewer_is_found_among_the_packages_of_a_user(
     monkeypatch.delitem(sys.modules, "rerun_cli", raising=False)
     monkeypatch.syspath_prepend(tmp_path)
     invalidate_caches()
-    assert executable() == tmp_path / "rerun_cli" / "rerun"
+    assert require_viewer() == tmp_path / "rerun_cli" / "rerun"
 
 
 @pytest.mark.parametrize(
@@ -400,14 +404,14 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
     with rendered(scene) as screen:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
-        others = {plot.title for plot in (*DETAILS, *SOLVER) if not plot.live}
+        others = {plot.title for plot in (*DETAIL_PLOTS, *SOLVER_PLOTS) if not plot.live}
         others |= {
             f"knee: {name}" for name in ("leg and contact force", "contact and level", "events")
         }
         others |= {"What you see", "Stance, shaded, and swing"}
         assert others < shown
-        assert len(shown) == 1 + len(KNEE) + len(others)
-        for plot in KNEE:
+        assert len(shown) == 1 + len(KNEE_PLOTS) + len(others)
+        for plot in KNEE_PLOTS:
             (title,) = (name for name in shown if name.startswith(plot.title.split("{")[0]))
             picture = screen.picture(title)
             for series in plot.series:

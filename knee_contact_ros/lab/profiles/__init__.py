@@ -30,7 +30,7 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
-from knee_contact_ros.view.picture import GRAPHS, drawn
+from knee_contact_ros.view.picture import CURVES_STYLE, png_figure
 
 LABEL = 11
 """Width of a line's label on the terminal, with the space after it"""
@@ -265,7 +265,7 @@ def picture(found: Fit, name: str) -> bytes:
     along = np.degrees(shape.normal) if found.femur else MM * shape.points[:, 0]
     heights = [2.5, 1.0, 1.0, *([1.0] if thickness else [])]
     file = io.BytesIO()
-    with drawn(file, SIZE, DPI, **GRAPHS | {"font.size": 9.5}) as canvas:
+    with png_figure(file, SIZE, DPI, **CURVES_STYLE | {"font.size": 9.5}) as canvas:
         whole, *rows = canvas.subplots(len(heights), 1, height_ratios=heights)
         for number, piece in enumerate(MM * thickness.bone if thickness else ()):
             whole.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")

@@ -136,8 +136,8 @@ def cycles_of(run: Run, what: Quantity) -> Floats:
 def drawn(into: list[Figure], name: str, title: str, caption: str, height: float) -> Iterator[Any]:
     """Yield a matplotlib figure of a height [in] to draw on, then add it to the other figures as PNG."""
     file = io.BytesIO()
-    with picture.drawn(
-        file, (WIDTH, height), DPI, **picture.GRAPHS | {"figure.dpi": DPI}
+    with picture.png_figure(
+        file, (WIDTH, height), DPI, **picture.CURVES_STYLE | {"figure.dpi": DPI}
     ) as canvas:
         yield canvas
     into.append(Figure(name, title, caption, file.getvalue()))

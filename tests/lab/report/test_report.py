@@ -22,7 +22,7 @@ from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
-from knee_contact_ros.view.picture import drawn
+from knee_contact_ros.view.picture import png_figure
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag
 
@@ -109,7 +109,7 @@ def test_all_files_are_there_and_nothing_is_cut_at_the_figures_edges(both: Path)
 
 
 def test_letters_that_the_font_lacks_cause_no_warnings(recwarn: pytest.WarningsRecorder) -> None:
-    with drawn(io.BytesIO(), (1.0, 1.0), 50) as figure:
+    with png_figure(io.BytesIO(), (1.0, 1.0), 50) as figure:
         figure.text(0.0, 0.0, "右\x1b")
     assert not recwarn.list
 
