@@ -19,9 +19,10 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from knee_contact_ros.lab import checks, tables
+from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.sensors import AngleChannel, read_channels, read_map
 from knee_contact_ros.lab.tables import Series
+from knee_contact_ros.lab.units import ANGLE, unit_factor
 from knee_contact_ros.model.types import Floats, Indices
 from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
@@ -243,8 +244,8 @@ def overlay(alignment: Alignment, sensor: str, reference: str, angle: AngleChann
 
 def _for_node(angle: AngleChannel, offset: float) -> list[str]:
     """Sentence on a live node, which has the raw sensor, and of the map neither sign, offset [rad] nor scale."""
-    factors = [angle.turned * angle.scale * weight for weight in angle.weights.values()]
-    offset += angle.offset * tables.factor(angle.unit, tables.ANGLE, "map: angle")
+    factors = [angle.orientation * angle.scale * weight for weight in angle.weights.values()]
+    offset += angle.offset * unit_factor(angle.unit, ANGLE, "map: angle")
     if [*map(abs, factors)] != [1.0]:
         return [
             "The map scales the angle: do not use this file for a live node, which has the raw sensor."

@@ -20,14 +20,13 @@ from knee_contact_ros.joint_reaction.estimator import (
     STIFF,
     weight_doubt,
 )
-from knee_contact_ros.lab.tables import (
-    BODY_WEIGHT,
+from knee_contact_ros.lab.tables import Series, Table
+from knee_contact_ros.lab.units import (
+    BODY_WEIGHTS,
     FORCE,
-    MIDDLE_WEIGHT,
-    PERCENT,
-    Series,
-    Table,
-    factor,
+    PERCENT_BODY_WEIGHT,
+    TYPICAL_BODY_WEIGHT,
+    unit_factor,
 )
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
@@ -35,41 +34,52 @@ from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamp
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 
-Range = tuple[float, float]
-LARGEST_RADIANS = 3.5
+Limits = tuple[float, float]
+"""Smallest and largest plausible value"""
+
+_LARGEST_RADIANS = 3.5
 """No knee reaches this angle in rad; a range in deg below it could also be in rad"""
-EXTENDED, BENT, FOLDED = math.degrees(MIN_FLEXION), 90.0, 160.0
-"""Flexion [deg]: never less; less at some time in every step; never more under load"""
-SPIKE, ALONE = 1.5, 2.0
-"""A row is a spike if it exceeds both neighbours by this load [BW], and by this factor"""
-JUMP = 30.0
-"""Step [deg] between rows that points to a loose contact, or to an encoder that begins a new turn"""
-RATES = (5.0, 1e4)
-"""Plausible rates of rows [Hz]"""
-IN_SECONDS = "are its times in s, and not in milliseconds?"
-MOVES, FITS = 0.1, (0.5, 2.0)
-"""RMS of the rate [rad/s] below which a given rate is not checked; plausible ratios of given to derived rate"""
-HEAVIEST = 2500.0
+_LEAST_FLEXION = (math.degrees(MIN_FLEXION), 90.0)
+"""Limits of the smallest flexion [deg]: a knee is less bent than that at some time in every step"""
+_MOST_FLEXION = (math.degrees(MIN_FLEXION), 160.0)
+"""Limits of the largest flexion [deg]: no knee under load is bent further"""
+_LARGEST_STEP = 30.0
+"""Step [deg] between rows beyond which a contact is loose, or an encoder begins a new turn"""
+_SPIKE_HEIGHT = 1.5
+"""Load [BW] by which a spike exceeds both neighbouring rows. Tuned"""
+_SPIKE_FACTOR = 2.0
+"""Factor by which a spike also exceeds them. Tuned"""
+_ROW_RATES = (5.0, 1e4)
+"""Limits of the number of rows a second"""
+_IN_SECONDS = "are its times in s, and not in milliseconds?"
+_LEAST_RATE_CHECKED = 0.1
+"""RMS of the angle's rate [rad/s] below which a given rate is not checked"""
+_RATE_RATIOS = (0.5, 2.0)
+"""Limits of the ratio of a given rate to the one derived from the angle"""
+_LARGEST_BODY_WEIGHT = 2500.0
 """Largest body weight [N] that is possible"""
-USUAL_LOAD = (400.0, 8000.0)
-"""Peak loads [N] outside which the user is asked for a body weight"""
-PEAK, RIGHT_PEAK = (LEAST_PEAK, MOST_PEAK), (1.5, 4.0)
-"""Plausible peaks of the load [BW], and the narrower range by which the right unit is guessed"""
+_USUAL_PEAKS = (400.0, 8000.0)
+"""Limits of the peak load [N] of a person whose weight is not known"""
+_LOAD_PEAKS = (LEAST_PEAK, MOST_PEAK)
+"""Limits of the peak load [BW]"""
+_USUAL_LOAD_PEAKS = (1.5, 4.0)
+"""The narrower range [BW] of a peak load by which the right unit is guessed"""
 OF_GROUND = (0.4, 5.0), (0.9, 1.6)
-"""The same for the ground's force on a foot"""
-LARGEST_MOMENT = 0.12
+"""The same two ranges for the ground's force on a foot"""
+_LARGEST_MOMENT = 0.12
 """Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates"""
-MOST_TORQUE = 300.0
+_LARGEST_TORQUE = 300.0
 """Largest plausible torque [N m] of an actuator"""
-STANDS, NEAR = 100.0, 0.30
-"""Vertical force [N] that a walking foot exceeds, and the largest median horizontal distance [m] from the ankle to the
-centre of pressure during such times: more than a foot's length"""
-AHEAD = 0.7
-"""Smallest mean x component of the pelvis's forward direction: within 45 degrees of x"""
+_FOOT_STANDS = 100.0
+"""Vertical force [N] that a walking foot exceeds"""
+_FOOT_LENGTH = 0.30
+"""Largest median horizontal distance [m] from the ankle of a standing foot to its centre of pressure"""
+_LEAST_HEADING = 0.7
+"""Smallest mean x component of the pelvis's forward direction: within about 45 degrees of x"""
 
 
 def unit_of(table: Table, column: str, requested: str) -> str:
-    """Unit of an angle's column, `deg` or `rad`: the requested one, or with `auto` the header's if the values allow it.
+    """Return the unit of an angle's column, `deg` or `rad`: the requested one, or the header's if the values fit it.
 
     Raises:
         UsageError: header and values contradict each other, or the unit is not clear.
@@ -77,19 +87,16 @@ def unit_of(table: Table, column: str, requested: str) -> str:
     if requested != "auto":
         return requested
     values = table.column(column)
-    reach, span = (
-        float(np.abs(values).max()),
-        f"{column} goes from {values.min():.3g} to {values.max():.3g}",
-    )
-    likely = "deg" if reach > LARGEST_RADIANS else "rad"
+    span = f"{column} goes from {values.min():.3g} to {values.max():.3g}"
+    likely = "deg" if np.abs(values).max() > _LARGEST_RADIANS else "rad"
     if table.degrees is None and likely == "rad":
         raise UsageError(
             f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad"
         )
     if table.degrees not in (None, likely == "deg"):
-        says, like = ("yes", "rad") if table.degrees else ("no", "degrees")
+        entry, like = ("yes", "rad") if table.degrees else ("no", "degrees")
         raise UsageError(
-            f"{table.path} says inDegrees={says}, but {span}, like {like}; give --angle-unit deg or rad"
+            f"{table.path} says inDegrees={entry}, but {span}, like {like}; give --angle-unit deg or rad"
         )
     return likely
 
@@ -97,7 +104,7 @@ def unit_of(table: Table, column: str, requested: str) -> str:
 def sign_of(
     angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None
 ) -> int:
-    """Sign that makes an angle [rad] positive in flexion, 1 or -1.
+    """Return the sign that makes an angle [rad] positive in flexion, 1 or -1.
 
     A requested sign wins. Otherwise it follows from the data, as a walking knee flexes far more than it extends, and
     failing that from `bounds`, the coordinate's range [rad] in the model. `where` names file and column in messages.
@@ -121,46 +128,56 @@ def sign_of(
 
 
 def _clear_sign(low: float, high: float) -> int:
-    """Sign of flexion: 1 or -1 if a range of angles [rad] reaches clearly further to one side, else 0."""
+    """Return the sign of flexion: 1 or -1 if a range of angles [rad] reaches clearly further to one side, else 0."""
     if high >= CLEAR and high >= -TIMES_MORE * low:
         return 1
     return -1 if -low >= CLEAR and -low >= TIMES_MORE * high else 0
 
 
 def outside(
-    where: object, what: str, value: float, unit: str, limits: Range, cure: str
+    where: object, what: str, value: float, unit: str, limits: Limits, cure: str
 ) -> list[str]:
     """Write that a value is outside its limits: file and column, quantity, value, what is plausible, and a cure."""
     if limits[0] <= value <= limits[1]:
         return []
     low, high = (f"{limit:.5g}" for limit in limits)
-    plausible = f"{low} or more" if limits[1] == math.inf else f"{high} or less"
-    if np.isfinite(limits).all():
-        plausible = f"{low} to {high}"
-    return [
-        f"{where}: {what} is {value:.5g}{unit and ' '}{unit}, plausible is {plausible}: {cure}"
-    ]
+    if limits[1] == math.inf:
+        plausible = f"{low} or more"
+    else:
+        plausible = f"{high} or less" if limits[0] == -math.inf else f"{low} to {high}"
+    number = f"{value:.5g} {unit}".rstrip()
+    return [f"{where}: {what} is {number}, plausible is {plausible}: {cure}"]
 
 
 def refuse(sentences: list[str], anyway: bool | None = None) -> None:
     """Raise a UsageError with the first sentence, if any, unless `anyway` (None: the user cannot override it)."""
     if sentences and not anyway:
-        raise UsageError(sentences[0] + " (--anyway imports it as it is)" * (anyway is False))
+        hint = " (--anyway imports it as it is)" if anyway is False else ""
+        raise UsageError(sentences[0] + hint)
+
+
+def refuse_outside(
+    where: object, what: str, value: float, unit: str, limits: Limits, cure: str
+) -> None:
+    """Refuse a value that is outside its limits; arguments as for `outside`."""
+    refuse(outside(where, what, value, unit, limits, cure))
 
 
 def check_rate(given: Floats, derived: Floats, where: str) -> None:
     """Refuse a given rate [rad/s] that disagrees with the one derived from the angle; shapes (n,)."""
     power = float(derived @ derived)
-    slope = float(given @ derived) / power if power > MOVES**2 * len(derived) else 1.0
+    if power <= _LEAST_RATE_CHECKED**2 * len(derived):
+        return
+    ratio = float(given @ derived) / power
     cure = "another unit than its inDegrees says, or another coordinate's?"
-    refuse(outside(where, "its ratio to the rate of the angle", slope, "", FITS, cure))
+    refuse_outside(where, "its ratio to the rate of the angle", ratio, "", _RATE_RATIOS, cure)
 
 
 def check_upright(up: Floats, where: str) -> None:
     """Refuse a vertical ground force, shape (n,), that does not act upwards as on a walking foot."""
-    limits = (max(STANDS, -float(up.min())), math.inf)
+    limits = (max(_FOOT_STANDS, -float(up.min())), math.inf)
     cure = "it must be in N, upwards, and the force of the ground on the foot"
-    refuse(outside(where, "the peak", float(up.max()), "", limits, cure))
+    refuse_outside(where, "the peak", float(up.max()), "", limits, cure)
 
 
 def check_near(arm: Floats, up: Floats, where: str) -> None:
@@ -168,50 +185,42 @@ def check_near(arm: Floats, up: Floats, where: str) -> None:
 
     `arm` [m] is from the ankle to each, shape (n, 3), and `up` the vertical force [N], shape (n,).
     """
-    standing = arm[up >= STANDS]
+    standing = arm[up >= _FOOT_STANDS]
     away = float(np.median(np.hypot(standing[:, 0], standing[:, 2]))) if len(standing) else 0.0
+    what = "the median distance to the ankle of a standing foot"
     cure = "is it the other foot's, not in m, or in other axes than the model's?"
-    refuse(
-        outside(
-            where,
-            "the median distance to the ankle of a standing foot",
-            away,
-            "m",
-            (0.0, NEAR),
-            cure,
-        )
-    )
+    refuse_outside(where, what, away, "m", (0.0, _FOOT_LENGTH), cure)
 
 
 def check_heading(forward: Floats, path: Path) -> None:
     """Refuse a person who does not face towards x; `forward` is the direction of the pelvis, shape (n, 3)."""
-    cure = "turn markers and ground reactions about y, so that the person walks towards x"
     ahead = float(forward[:, 0].mean())
-    refuse(
-        outside(
-            path, "the mean x component of the pelvis's direction", ahead, "", (AHEAD, 1.0), cure
-        )
-    )
+    what = "the mean x component of the pelvis's direction"
+    cure = "turn markers and ground reactions about y, so that the person walks towards x"
+    refuse_outside(path, what, ahead, "", (_LEAST_HEADING, 1.0), cure)
 
 
 def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True) -> list[str]:
     """Return why these cannot be an angle and a load at all; empty if they can. OpenSim's are not `mapped`."""
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
-    direction = "positive as the map's load.direction says" if mapped else "and not on the femur"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
-    sentences = outside(
-        angle.where, "the range of motion", high - low, "deg", (0.0, math.degrees(WIDEST)), cure
-    )
+    widest = (0.0, math.degrees(WIDEST))
     largest = (0.0, math.degrees(LARGEST_ANGLE))
+    sentences = outside(angle.where, "the range of motion", high - low, "deg", widest, cure)
     sentences += outside(angle.where, "the largest angle", max(-low, high), "deg", largest, cure)
     if load:
-        least, most = float(load.values.min()), float(load.values.max())
+        least = float(load.values.min())
+        most = float(load.values.max())
         if most < -least:
-            pulls = f"{load.where} pulls the knee apart by up to {-least:.0f} N, and presses with {most:.4g} N at most"
-            sentences.append(f"{pulls}: is it the force on the tibia, {direction}?")
-        sentences += outside(
-            load.where, "the peak", most, "N", (0.0, LARGEST_LOAD), "is load.unit right?"
-        )
+            direction = (
+                "positive as the map's load.direction says" if mapped else "and not on the femur"
+            )
+            sentences.append(
+                f"{load.where} pulls the knee apart by up to {-least:.0f} N, and presses with {most:.4g} N at most: "
+                f"is it the force on the tibia, {direction}?"
+            )
+        cure = "is load.unit right?"
+        sentences += outside(load.where, "the peak", most, "N", (0.0, LARGEST_LOAD), cure)
     return sentences
 
 
@@ -230,133 +239,119 @@ def doubts(
     `unit` is the load's in the map, `weight` the body's [N]; a longer time between rows than `max_gap` [s] is a gap.
     OpenSim's results are not `mapped`.
     """
-    name, where, low = angle.name, angle.where, math.degrees(angle.values.min())
-    ask, cure = IN_SECONDS, "is it the included angle?"
+    where = angle.where
+    ask = _IN_SECONDS
+    cure = "is it the included angle?"
     if mapped:
         ask = "is time.unit right (s, milliseconds), or does it count frames (time.rate)?"
         cure = (
-            f"is {name}.sign right, or has the sensor an offset ({name}.offset, or knee-contact align)? The "
-            "included angle has sign: -1, offset: 180 (in deg)"
+            f"is {angle.name}.sign right, or has the sensor an offset ({angle.name}.offset, or knee-contact align)? "
+            "The included angle has sign: -1, offset: 180 (in deg)"
         )
-    no_gap = np.diff(angle.stamps) <= max_gap * NANOSECONDS  # after a gap any angle is possible
+    found = [weight_doubt(weight)] if weight is not None and weight_doubt(weight) else []
+    found += _rate_doubts(angle.path, angle.stamps, ask)
+    if load:
+        found += _rate_doubts(load.path, load.stamps, ask)
+    if mapped:
+        found += joint_doubts(angle)
+    low, high = np.degrees([angle.values.min(), angle.values.max()])
+    found += outside(where, "the least flexion", low, "deg", _LEAST_FLEXION, cure)
+    found += outside(where, "the largest flexion", high, "deg", _MOST_FLEXION, cure)
+    # After a gap, any angle is possible.
+    no_gap = np.diff(angle.stamps) <= max_gap * NANOSECONDS
     steps = np.degrees(np.abs(np.diff(angle.values)) * no_gap)
     worst = int(np.argmax(steps))
-    jump = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
-    found = [weight_doubt(weight)] if weight is not None and weight_doubt(weight) else []
-    for series in filter(None, (angle, load)):
-        found += rate_doubts(series.path, series.stamps, ask)
-    found += joint_doubts(angle) if mapped else []
-    found += outside(where, "the least flexion", low, "deg", (EXTENDED, BENT), cure)
-    found += outside(
-        where,
-        "the largest flexion",
-        math.degrees(angle.values.max()),
-        "deg",
-        (EXTENDED, FOLDED),
-        cure,
-    )
-    found += outside(
-        where,
-        jump,
-        float(steps[worst]),
-        "deg",
-        (0.0, JUMP),
-        "a loose contact, or an encoder's turn?",
-    )
+    step = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
+    cure = "a loose contact, or an encoder's turn?"
+    found += outside(where, step, float(steps[worst]), "deg", (0.0, _LARGEST_STEP), cure)
     if load:
-        least, pull = float(load.values.min()), -LARGEST_PULL * (weight or MIDDLE_WEIGHT)
-        found += outside(
-            load.where,
-            "the least load",
-            least,
-            "N",
-            (pull, math.inf),
-            "does it stand for a missing one?",
-        )
-        found += _spike(load, weight or MIDDLE_WEIGHT) + peak_doubts(load, unit, weight)
+        least = float(load.values.min())
+        limits = (-LARGEST_PULL * (weight or TYPICAL_BODY_WEIGHT), math.inf)
+        cure = "does it stand for a missing one?"
+        found += outside(load.where, "the least load", least, "N", limits, cure)
+        found += _spike_doubts(load, weight or TYPICAL_BODY_WEIGHT)
+        found += peak_doubts(load, unit, weight)
     if moment:
-        most, limits = (
-            float(np.abs(moment.values).max()),
-            (0.0, LARGEST_MOMENT * (weight or HEAVIEST)),
-        )
-        found += outside(
-            moment.where,
-            "the largest moment",
-            most,
-            "N m",
-            limits,
-            "is moment.unit right, or a spike?",
-        )
+        most = float(np.abs(moment.values).max())
+        limits = (0.0, _LARGEST_MOMENT * (weight or _LARGEST_BODY_WEIGHT))
+        cure = "is moment.unit right, or a spike?"
+        found += outside(moment.where, "the largest moment", most, "N m", limits, cure)
     return list(dict.fromkeys(found))
 
 
-def rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
+def _rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
     """Doubt about the number of rows a second, from increasing stamps [ns], shape (n,)."""
     if len(stamps) < 2:
         return []
     rate = NANOSECONDS / float(np.median(np.diff(stamps)))
-    return outside(where, "the number of rows a second", rate, "", RATES, cure)
+    return outside(where, "the number of rows a second", rate, "", _ROW_RATES, cure)
 
 
-def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:
-    """List what is likely a mistake of a joint's angle, or of an actuator's torque."""
-    cure = f"is {series.name}.unit right, and is it this joint's?"
-    if is_torque:
-        most = float(np.abs(series.values).max())
-        return outside(series.where, "the largest torque", most, "N m", (0.0, MOST_TORQUE), cure)
-    span, limits = math.degrees(np.ptp(series.values)), (math.degrees(STIFF), math.inf)
-    return outside(series.where, "the range of motion", span, "deg", limits, cure)
+def joint_doubts(series: Series) -> list[str]:
+    """List what is likely a mistake of a joint's angle."""
+    span = math.degrees(np.ptp(series.values))
+    limits = (math.degrees(STIFF), math.inf)
+    return outside(series.where, "the range of motion", span, "deg", limits, _joint_cure(series))
+
+
+def torque_doubts(series: Series) -> list[str]:
+    """List what is likely a mistake of an actuator's torque."""
+    most = float(np.abs(series.values).max())
+    limits = (0.0, _LARGEST_TORQUE)
+    return outside(series.where, "the largest torque", most, "N m", limits, _joint_cure(series))
+
+
+def _joint_cure(series: Series) -> str:
+    return f"is {series.name}.unit right, and is it this joint's?"
 
 
 def unusual(load: Series, weight: float | None) -> list[str]:
     """List what may be a mistake if no body weight [N] is given to judge the load by."""
+    if weight:
+        return []
+    peak = float(load.values.max())
     cure = "percent of body weight, kN, or a spike? Give a body weight to be sure"
-    return (
-        []
-        if weight
-        else outside(load.where, "the peak", float(load.values.max()), "N", USUAL_LOAD, cure)
-    )
+    return outside(load.where, "the peak", peak, "N", _USUAL_PEAKS, cure)
 
 
-def _spike(load: Series, weight: float) -> list[str]:
+def _spike_doubts(load: Series, weight: float) -> list[str]:
     """Doubt about rows that are far above both neighbours."""
-    inner, beside = load.values[1:-1], np.maximum(load.values[:-2], load.values[2:])
-    above = np.where(inner > ALONE * beside, inner - beside, 0.0)
+    inner = load.values[1:-1]
+    beside = np.maximum(load.values[:-2], load.values[2:])
+    above = np.where(inner > _SPIKE_FACTOR * beside, inner - beside, 0.0)
     if not above.size:
         return []
     row = int(np.argmax(above))
     what = f"the step up to {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.7g} s"
-    return outside(load.where, what, float(above[row]), "N", (0.0, SPIKE * weight), "a spike?")
+    limits = (0.0, _SPIKE_HEIGHT * weight)
+    return outside(load.where, what, float(above[row]), "N", limits, "a spike?")
 
 
 def peak_doubts(
     load: Series,
     unit: str | None,
     weight: float | None,
-    limits: Range = PEAK,
-    right: Range = RIGHT_PEAK,
+    limits: Limits = _LOAD_PEAKS,
+    usual: Limits = _USUAL_LOAD_PEAKS,
 ) -> list[str]:
     """Doubt about a peak that is not of the order of the body weight, with the unit in which it would be right.
 
-    `unit` is the map's, None for OpenSim's files. `limits` [BW] are for the knee, `right` where a hint brings the peak.
+    `unit` is the map's, None for OpenSim's files. `limits` and `usual` [BW] are where the peak may be, and where it
+    is if a hint at another unit is right.
     """
     peak = float(load.values.max())
-    cure = f"is {load.name}.unit {unit} right, and is it a load's column?"
     if unit is None:
         cure = "is it of this person (model), in N, and without spikes?"
+    else:
+        cure = f"is {load.name}.unit {unit} right, and is it a load's column?"
     if weight is None:
-        return outside(
-            load.where, "the peak", peak, "N", (limits[0] * LIGHTEST, limits[1] * HEAVIEST), cure
-        )
-    for other in (PERCENT, BODY_WEIGHT, "kN", "kgf", "N", "lbf") if unit else ():
-        there = (
-            peak
-            / factor(str(unit), FORCE, "load", weight)
-            * factor(other, FORCE, "load", weight)
-            / weight
-        )
-        if right[0] <= there <= right[1]:
-            cure = f"is {load.name}.unit {unit} right? In {other} it would be {there:.2g} body weights"
-    return outside(
-        load.where, f"the peak of {peak:.4g} N", peak / weight, "body weights", limits, cure
-    )
+        in_newtons = (limits[0] * LIGHTEST, limits[1] * _LARGEST_BODY_WEIGHT)
+        return outside(load.where, "the peak", peak, "N", in_newtons, cure)
+    if unit is not None:
+        in_unit = peak / unit_factor(unit, FORCE, "load", weight)
+        for other in (PERCENT_BODY_WEIGHT, BODY_WEIGHTS, "kN", "kgf", "N", "lbf"):
+            body_weights = in_unit * unit_factor(other, FORCE, "load", weight) / weight
+            if usual[0] <= body_weights <= usual[1]:
+                cure = f"is {load.name}.unit {unit} right? In {other} it would be {body_weights:.2g} body weights"
+    what = f"the peak of {peak:.4g} N"
+    return outside(load.where, what, peak / weight, "body weights", limits, cure)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import ORIGIN
-from knee_contact_ros.bags.reader import contents_of
+from knee_contact_ros.bags.reader import MCAP, contents_of
 from knee_contact_ros.bags.recorder import METADATA, BagWriter
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams import topics
@@ -35,12 +35,12 @@ from knee_contact_ros.system.terminal import safe_cell, say, show_pairs, warn
 
 JOINT = "knee"
 """Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""
-QUANTITIES = {
+_QUANTITIES = {
     "angle": "knee flexion, rad, positive in flexion",
     "force": "joint reaction on the tibia at its frame's origin, in the tibia frame (x anterior, y superior, z to the "
     "right; a left knee is mirrored)",
 }
-LEG_QUANTITIES = {
+_LEG_QUANTITIES = {
     "joints": "knee flexion; hip, the angle between thigh and vertical in the sagittal plane, positive when the knee "
     "is ahead of the hip; ankle, positive in dorsiflexion, 0 at a right angle; rad",
     "ground_force": "what the ground exerts on the foot, N, and N m about the ankle joint's centre (x forward, y up, z "
@@ -48,9 +48,8 @@ LEG_QUANTITIES = {
 }
 MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 """Signs that turn the wrench on a left knee or foot into that on a right one: force z, torque x and y"""
-BLOCK = 8192
+_BLOCK_ROWS = 8192
 """Number of rows converted to messages at a time: hours of them would take gigabytes"""
-MCAP = ".mcap"
 
 
 class Signal(NamedTuple):
@@ -135,21 +134,26 @@ def common_window(
         UsageError: they have no time in common, or none within `start` and `end`.
     """
     spans = list(dict.fromkeys((int(each[0]), int(each[-1])) for each in known))
-    first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
+    first = max(0, *(span[0] for span in spans))
+    last = min(span[1] for span in spans)
     if first >= last:
-        covered = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
+        covered = " and ".join(f"{_seconds(a)} to {_seconds(b)} s" for a, b in spans)
+        positive = " from 0 s on" if last <= 0 else ""
+        raise UsageError(f"the files have no time in common{positive}: {covered}")
+    begin = first if start is None else round(start * NANOSECONDS)
+    stop = last if end is None else round(end * NANOSECONDS)
+    window = max(first, begin), min(last, stop)
+    if window[0] >= window[1]:
         raise UsageError(
-            f"the files have no time in common{' from 0 s on' * (last <= 0)}: {covered}"
+            f"--start {_seconds(begin)} --end {_seconds(stop)}: nothing is left of "
+            f"{_seconds(first)} to {_seconds(last)} s"
         )
-    begin, stop = (
-        edge if s is None else round(s * NANOSECONDS) for s, edge in ((start, first), (end, last))
-    )
-    if max(first, begin) >= min(last, stop):
-        options = f"--start {begin / NANOSECONDS:g} --end {stop / NANOSECONDS:g}"
-        raise UsageError(
-            f"{options}: nothing is left of {first / NANOSECONDS:g} to {last / NANOSECONDS:g} s"
-        )
-    return max(first, begin), min(last, stop)
+    return window
+
+
+def _seconds(stamp: int) -> str:
+    """Return the text of a stamp [ns] in seconds."""
+    return f"{stamp / NANOSECONDS:g}"
 
 
 def sampled(
@@ -184,34 +188,23 @@ def sampled(
     Raises:
         UsageError: fewer than two samples are left.
     """
-    turning = [signal.stamps for signals in joints.values() for signal in signals]
+    of_joints = [signal.stamps for signals in joints.values() for signal in signals]
     named = {"angle": next(iter(joints.values()))[0], **wrenches, **(others or {})}
-    every = [*turning, *(signal.stamps for signal in (*wrenches.values(), *named.values()))]
+    every = [*of_joints, *(signal.stamps for signal in (*wrenches.values(), *named.values()))]
     window = common_window(*every, start=start, end=end)
-    notes = [
-        note
-        for name, signal in named.items()
-        for note in _gaps(name, signal.around(window).stamps, max_gap)
-    ]
+    notes = []
+    for name, signal in named.items():
+        notes += _gaps(name, signal.around(window).stamps, max_gap)
     if rate:
-        period = NANOSECONDS / rate
-        steps = np.arange(
-            np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1
-        )
-        at = np.clip(np.rint(steps * period).astype(np.int64), *window)
+        at = _regular_stamps(window, rate)
         at = at[np.all([bridged(at, each, max_gap) for each in every], axis=0)]
         inside = {name: wrench.at(at) for name, wrench in wrenches.items()}
         notes.append(f"interpolated linearly at {rate:g} Hz, with gaps left out")
     else:
+        wide = named["angle"].around((window[0] - beyond, window[1] + beyond))
+        at = wide.inside(common_window(*of_joints)).stamps
+        at = at[np.all([bridged(at, each, max_gap) for each in of_joints], axis=0)]
         inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
-        first, last = common_window(*turning)
-        at = (
-            named["angle"]
-            .around((window[0] - beyond, window[1] + beyond))
-            .inside((first, last))
-            .stamps
-        )
-        at = at[np.all([bridged(at, each, max_gap) for each in turning], axis=0)]
         for name, wrench in inside.items():
             if outside := len(wrenches[name].stamps) - len(wrench.stamps):
                 notes.append(
@@ -219,29 +212,32 @@ def sampled(
                 )
     counts = {"angle": len(at), **{name: len(wrench.stamps) for name, wrench in inside.items()}}
     if short := [name for name, count in counts.items() if count < 2]:
-        low, high = (stamp / NANOSECONDS for stamp in window)
         at_rate = f" at {rate:g} Hz, outside gaps of {max_gap:g} s" if rate else ""
         raise UsageError(
-            f"fewer than two rows of the {short[0]} are within {low:g} to {high:g} s{at_rate}"
+            f"fewer than two rows of the {short[0]} are within "
+            f"{_seconds(window[0])} to {_seconds(window[1])} s{at_rate}"
         )
     if side == "left" and "ground_force" in inside:
         ground = inside["ground_force"]
-        inside["ground_force"] = Signal(ground.stamps, ground.values * MIRROR)
+        inside["ground_force"] = ground._replace(values=ground.values * MIRROR)
         notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
-    moved = {
-        name: Signal(
-            at,
-            np.hstack(
-                [angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]
-            ),
-        )
-        for name, (angle, *torques) in joints.items()
-    }
+    moved = {}
+    for name, (angle, *torques) in joints.items():
+        columns = [angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]
+        moved[name] = Signal(at, np.hstack(columns))
     return Gait(side, moved, inside, {}, notes)
 
 
+def _regular_stamps(window: tuple[int, int], rate: float) -> Stamps:
+    """Return the stamps [ns] within a window that are multiples of the period of a rate [Hz]."""
+    period = NANOSECONDS / rate
+    # A millionth of a period is left for rounding.
+    steps = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
+    return np.clip(np.rint(steps * period).astype(np.int64), *window)
+
+
 def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
-    """Note on the gaps between rows at stamps `known` that are longer than `longest` [s], if there are any."""
+    """Note the gaps between rows at stamps `known` that are longer than `longest` [s], if there are any."""
     steps = np.diff(known) / NANOSECONDS
     wide = np.count_nonzero(steps > longest)
     if not wide:
@@ -254,12 +250,10 @@ def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
 
 
 def bridged(stamps: Stamps, known: Stamps, longest: float) -> NDArray[np.bool_]:
-    """Which stamps lie on a row or between rows that are at most `longest` [s] apart; booleans, shape (n,)."""
+    """Return which stamps lie on a row or between rows at most `longest` [s] apart; booleans, shape (n,)."""
     after = np.clip(np.searchsorted(known, stamps, "left"), 1, len(known) - 1)
-    near: NDArray[np.bool_] = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(
-        stamps, known
-    )
-    return near
+    near = known[after] - known[after - 1] <= longest * NANOSECONDS
+    return np.asarray(near | np.isin(stamps, known))
 
 
 def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
@@ -270,14 +264,13 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
     Raises:
         UsageError: the folder cannot be written.
     """
-    kinds = {
-        "load": (topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
-        "ground_force": (topics.GROUND_REACTION_FORCE, "ground"),
-    }
     streams = {topics.JOINT_STATES: _joint_messages(gait.joints)}
-    streams |= {
-        kinds[name][0]: _wrenches(wrench, *kinds[name]) for name, wrench in gait.wrenches.items()
-    }
+    for name, topic, frame in (
+        ("load", topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
+        ("ground_force", topics.GROUND_REACTION_FORCE, "ground"),
+    ):
+        if name in gait.wrenches:
+            streams[topic] = _wrench_messages(gait.wrenches[name], topic, frame)
     with BagWriter(folder / f"{folder.name}_0.mcap") as bag:
         for topic in streams:
             bag.add_topic(f"/{topic}", topics.MESSAGE_TYPES[topic])
@@ -289,38 +282,32 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
 def _joint_messages(joints: dict[str, Signal]) -> Iterator[tuple[int, str, bytes]]:
     """Yield stamp [ns], topic and bytes of a JointState for every stamp."""
     names = tuple(joints)
-    wide = [
-        np.pad(each.values, ((0, 0), (0, 3 - each.values.shape[1])), constant_values=np.nan)
-        for each in joints.values()
+    missing = [3 - each.values.shape[1] for each in joints.values()]
+    has_torques = not all(missing)
+    # Angle, rate and torque of each joint; one without an actuator has no torque.
+    padded = [
+        np.pad(each.values, ((0, 0), (0, columns)), constant_values=np.nan)
+        for each, columns in zip(joints.values(), missing, strict=True)
     ]
-    known = any(
-        each.values.shape[1] > 2 for each in joints.values()
-    )  # a joint without an actuator has no torque
-    for stamp, (angle, rate, effort) in _rows(joints[names[0]].stamps, np.stack(wide, axis=2)):
-        message = JointState(
-            stamp, "", names, tuple(angle), tuple(rate), tuple(effort) if known else ()
-        )
+    stamps = joints[names[0]].stamps
+    for stamp, (angles, rates, torques) in _rows(stamps, np.stack(padded, axis=2)):
+        efforts = tuple(torques) if has_torques else ()
+        message = JointState(stamp, "", names, tuple(angles), tuple(rates), efforts)
         yield stamp, topics.JOINT_STATES, encode_joint_state(message)
 
 
-def _wrenches(wrench: Signal, topic: str, frame: str) -> Iterator[tuple[int, str, bytes]]:
+def _wrench_messages(wrench: Signal, topic: str, frame: str) -> Iterator[tuple[int, str, bytes]]:
     """Yield stamp [ns], topic and bytes of a WrenchStamped for every row."""
     for stamp, values in _rows(*wrench):
-        yield (
-            stamp,
-            topic,
-            encode_wrench_stamped(
-                WrenchStamped(stamp, frame, tuple(values[:3]), tuple(values[3:]))
-            ),
-        )
+        message = WrenchStamped(stamp, frame, tuple(values[:3]), tuple(values[3:]))
+        yield stamp, topic, encode_wrench_stamped(message)
 
 
 def _rows(*columns: Any) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of arrays as plain numbers, block by block."""
-    for begin in range(0, len(columns[0]), BLOCK):
-        yield from zip(
-            *(column[begin : begin + BLOCK].tolist() for column in columns), strict=True
-        )
+    for begin in range(0, len(columns[0]), _BLOCK_ROWS):
+        block = (column[begin : begin + _BLOCK_ROWS].tolist() for column in columns)
+        yield from zip(*block, strict=True)
 
 
 def store(
@@ -343,19 +330,23 @@ def store(
         for name, path in files.items():
             origin |= {name: path.name, f"{name}_sha256": digest(path)}
         origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
-        origin |= {"conversions": "\n".join(gait.notes)} | QUANTITIES
-        origin |= (LEG_QUANTITIES if "ground_force" in gait.wrenches else {}) | more
-        origin |= {"body_weight": f"{gait.weight:.7g} N"} if gait.weight else {}
-        origin |= {"doubts": "\n".join(gait.doubts)} if gait.doubts else {}
+        origin |= {"conversions": "\n".join(gait.notes)} | _QUANTITIES
+        if "ground_force" in gait.wrenches:
+            origin |= _LEG_QUANTITIES
+        origin |= more
+        if gait.weight:
+            origin["body_weight"] = f"{gait.weight:.7g} N"
+        if gait.doubts:
+            origin["doubts"] = "\n".join(gait.doubts)
         write_bag(gait, work / bag.name, origin)
     for bag in bags:
         replace(work / bag.name, bag)
     for bag, gait in bags.items():
-        show(gait, bag)
+        _show(gait, bag)
         warn(gait.doubts)
 
 
-def show(gait: Gait, bag: Path) -> None:
+def _show(gait: Gait, bag: Path) -> None:
     """Print the columns with the ranges of their values, what was converted, and where the bag is."""
     ranges = {}
     for name, signal in zip(("angle", "hip", "ankle"), gait.joints.values(), strict=False):
@@ -371,13 +362,12 @@ def show(gait: Gait, bag: Path) -> None:
         (name, f"{safe_cell(text)}\n{ranges.get(name, '')}".rstrip())
         for name, text in gait.columns.items()
     )
-    for line in (
-        "",
-        *(f"- {note}" for note in gait.notes),
-        *[""][: len(gait.notes)],
-        f"Bag: {bag}",
-    ):
-        say(line, hang=2)
+    say("")
+    for note in gait.notes:
+        say(f"- {note}", hang=2)
+    if gait.notes:
+        say("")
+    say(f"Bag: {bag}", hang=2)
 
 
 def check_output(folder: Path, overwrite: bool) -> None:
@@ -399,11 +389,8 @@ def check_output(folder: Path, overwrite: bool) -> None:
     others = {path.name for path in folder.iterdir()}
     with suppress(UsageError):  # it is no bag
         contents = contents_of(folder)
-        others -= (
-            set()
-            if contents.faults
-            else {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
-        )
+        if not contents.faults:
+            others -= {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
     if others:
         raise UsageError(
             f"{folder} is not replaced: it has {min(others)}, and no {METADATA} says that it belongs to a bag"

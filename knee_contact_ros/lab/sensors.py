@@ -10,9 +10,20 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from knee_contact_ros.lab import checks, gait_bag, tables
+from knee_contact_ros.lab import checks, gait_bag
+from knee_contact_ros.lab.cells import DAY
 from knee_contact_ros.lab.gait_bag import Gait, Signal
-from knee_contact_ros.lab.tables import DAY, Column, Header, Series, Table
+from knee_contact_ros.lab.headers import Header, TableFormat, header_of
+from knee_contact_ros.lab.tables import Series, Table, TimeColumn, read_columns
+from knee_contact_ros.lab.units import (
+    ANGLE,
+    FORCE,
+    MOMENT,
+    ColumnName,
+    check_unit,
+    unit_factor,
+    unit_name,
+)
 from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -20,9 +31,9 @@ from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import work_folder
 
-BEYOND = NANOSECONDS
+_ANGLES_BEYOND = NANOSECONDS
 """Time [ns] before and after the loads for which angles are kept: as long as `pairing.angle_delay` can be"""
-GROUND = (
+_GROUND_CHANNELS = (
     "ground_force_x",
     "ground_force",
     "ground_force_z",
@@ -31,16 +42,22 @@ GROUND = (
     "ground_torque_z",
 )
 """Channels of the ground's wrench in the order of its components; an insole has only the second"""
-ANGLES, TORQUES = ("angle", "hip", "ankle"), ("assistance", "", "ankle_assistance")
-"""Channels of joint angles, and of actuator torques"""
-IMPORTED = (*ANGLES, *filter(None, TORQUES), "load", "moment", *GROUND)
+_JOINT_CHANNELS = {"angle": "assistance", "hip": "", "ankle": "ankle_assistance"}
+"""Channels of joint angles, with those of the torques of their actuators"""
+_IMPORTED = (
+    *_JOINT_CHANNELS,
+    *filter(None, _JOINT_CHANNELS.values()),
+    "load",
+    "moment",
+    *_GROUND_CHANNELS,
+)
 
 
 class Channel(Section):
     """A column, or a weighted sum of columns, of one file."""
 
-    column: Column | None = Field(None, description="name, or place from 1")
-    columns: dict[Column, float] | None = Field(
+    column: ColumnName | None = Field(None, description="name, or place from 1")
+    columns: dict[ColumnName, float] | None = Field(
         None, min_length=1, description="names or places, with weights"
     )
     unit: str = Field(description="of the sum")
@@ -62,18 +79,14 @@ class Channel(Section):
         return self
 
     @property
-    def weights(self) -> dict[Column, float]:
+    def weights(self) -> dict[ColumnName, float]:
         """Weights by the names or places of the columns."""
         return self.columns or ({} if self.column is None else {self.column: 1.0})
 
     @property
-    def turned(self) -> float:
+    def orientation(self) -> float:
         """Factor, 1 or -1, that converts the quantity to our sign."""
-        return (
-            -1.0
-            if getattr(self, "direction", "") == "tension"
-            else float(getattr(self, "sign", 1.0))
-        )
+        return 1.0
 
 
 class SignedChannel(Channel):
@@ -82,6 +95,11 @@ class SignedChannel(Channel):
     sign: Annotated[float, one_of(1.0, -1.0)] = Field(
         1.0, description="1 if it is positive as ours is, or -1"
     )
+
+    @property
+    def orientation(self) -> float:
+        """Factor, 1 or -1, that converts the quantity to our sign."""
+        return self.sign
 
 
 class AngleChannel(SignedChannel):
@@ -98,12 +116,17 @@ class LoadChannel(Channel):
         description="what a positive sum is; tension: as force.y of OpenSim's reaction on the tibia",
     )
 
+    @property
+    def orientation(self) -> float:
+        """Factor, 1 or -1, that converts the quantity to our sign."""
+        return -1.0 if self.direction == "tension" else 1.0
+
 
 class SensorMap(Section):
     """Content of a map."""
 
-    table: tables.TableFormat = tables.TableFormat()
-    time: tables.TimeColumn = tables.TimeColumn()
+    table: TableFormat = TableFormat()
+    time: TimeColumn = TimeColumn()
     angle: AngleChannel = Field(description="knee, positive in flexion")
     hip: SignedChannel | None = Field(
         None, description="thigh to the vertical, positive with the knee ahead"
@@ -160,7 +183,7 @@ class SensorMap(Section):
         parts = {
             "ankle_assistance": "ankle",
             "moment": "load",
-            **dict.fromkeys(GROUND, "ground_force"),
+            **dict.fromkeys(_GROUND_CHANNELS, "ground_force"),
         }
         for name, whole in parts.items():
             if getattr(self, name) is not None and getattr(self, whole) is None:
@@ -183,28 +206,25 @@ def import_csv(
             f"map {maps[-1]}: load: is missing, or ground_force: for estimate-load; only align needs none"
         )
     gait_bag.check_output(output, overwrite)
-    channels = read_channels(files, sensors, IMPORTED)
-    doubts = check(channels, sensors, anyway)
-    gait = gait_of(channels, sensors)._replace(doubts=doubts)
+    channels = read_channels(files, sensors, _IMPORTED)
+    doubts = _check_channels(channels, sensors, anyway)
+    gait = _gait_of(channels, sensors)._replace(doubts=doubts)
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
+    record = {"map": sensors.model_dump_json(exclude_defaults=True)}
     with work_folder(output.parent) as work:
-        gait_bag.store(
-            {output: gait},
-            "CSV",
-            used,
-            {"map": sensors.model_dump_json(exclude_defaults=True)},
-            work,
-        )
+        gait_bag.store({output: gait}, "CSV", used, record, work)
 
 
-def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list[str]:
+def _check_channels(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list[str]:
     """List what may be a mistake.
 
     Raises:
         UsageError: the values are impossible for a leg, or likely a mistake and `anyway` is not given.
     """
-    load, ground, weight = channels.get("load"), channels.get("ground_force"), sensors.body_weight
-    for name in ANGLES:
+    load = channels.get("load")
+    ground = channels.get("ground_force")
+    weight = sensors.body_weight
+    for name in _JOINT_CHANNELS:
         if name in channels:
             checks.refuse(checks.impossible(channels[name], load))
     unit = sensors.load.unit if sensors.load else None
@@ -212,9 +232,11 @@ def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list
     doubts += checks.doubts(
         channels["angle"], load, unit, weight, sensors.max_gap, channels.get("moment")
     )
-    for name in (*ANGLES[1:], *TORQUES):
-        if name in channels:
-            doubts += checks.joint_doubts(channels[name], is_torque=name in TORQUES)
+    for name, series in channels.items():
+        if name in {"hip", "ankle"}:
+            doubts += checks.joint_doubts(series)
+        elif "assistance" in name:
+            doubts += checks.torque_doubts(series)
     if ground and sensors.ground_force:
         checks.check_upright(ground.values, ground.where)
         doubts += checks.peak_doubts(ground, sensors.ground_force.unit, weight, *checks.OF_GROUND)
@@ -231,28 +253,25 @@ def read_map(paths: Sequence[Path]) -> SensorMap:
     content: dict[str, Any] = {}
     for path in paths:
         shipped = find_file(f"maps/{path}.yaml")
-        own = read_mapping(
-            shipped if not path.exists() and shipped.exists() else path, "map", "names to values"
-        )
-        for name, value in own.items():
+        source = shipped if not path.exists() and shipped.exists() else path
+        for name, value in read_mapping(source, "map", "names to values").items():
             before = content.get(name)
             merged = isinstance(before, Mapping) and isinstance(value, Mapping)
             content[name] = {**before, **value} if merged else value  # type: ignore[dict-item]
     try:
         return SensorMap.model_validate(content)
     except ValidationError as error:
-        raise UsageError(f"map {paths[-1]}: {first_error(error)}{_meant(error)}") from None
+        raise UsageError(f"map {paths[-1]}: {first_error(error)}{_suggestion(error)}") from None
 
 
-def _meant(error: ValidationError) -> str:
+def _suggestion(error: ValidationError) -> str:
     """Suggest the name that is closest to an unknown one; empty for other errors."""
-    first, sections = (
-        error.errors()[0],
-        (SensorMap, tables.TableFormat, tables.TimeColumn, AngleChannel, LoadChannel),
-    )
+    first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
-    return f"; {suggest(str(first['loc'][-1]), [name for section in sections for name in section.model_fields])}"
+    sections = (SensorMap, TableFormat, TimeColumn, AngleChannel, LoadChannel)
+    names = [name for section in sections for name in section.model_fields]
+    return f"; {suggest(str(first['loc'][-1]), names)}"
 
 
 def read_channels(
@@ -267,29 +286,21 @@ def read_channels(
         name: each for name in wanted if (each := getattr(sensors, name, None)) is not None
     }
     factors = {
-        name: tables.factor(each.unit, _kind(name), f"map: {name}", sensors.body_weight)
+        name: unit_factor(each.unit, _quantity(name), f"map: {name}", sensors.body_weight)
         for name, each in channels.items()
     }
-    columns = [
-        *sensors.time.places,
-        *(column for each in channels.values() for column in each.weights),
-    ]
-    headers = {path: tables.header_of(path, columns, sensors.table) for path in files}
-    homes = {name: _home(channel, name, headers) for name, channel in channels.items()}
+    columns = [column for each in channels.values() for column in each.weights]
+    headers = {
+        path: header_of(path, [*sensors.time.places, *columns], sensors.table) for path in files
+    }
+    homes = {name: _file_of(channel, name, headers) for name, channel in channels.items()}
     read: dict[Path, Table] = {}
     for path in dict.fromkeys(homes.values()):
-        needed = [
-            column
-            for name, home in homes.items()
-            if home == path
-            for column in channels[name].weights
-        ]
-        read[path] = tables.read_columns(
-            headers[path], list(dict.fromkeys(needed)), sensors.time, sensors.table
-        )
-    if len({table.day is None for table in read.values()}) > 1 or (
-        len(read) > 1 and not sensors.time.places
-    ):
+        own = (channels[name].weights for name, home in homes.items() if home == path)
+        needed = dict.fromkeys(column for weights in own for column in weights)
+        read[path] = read_columns(headers[path], list(needed), sensors.time, sensors.table)
+    clocks = {table.day is None for table in read.values()}
+    if len(clocks) > 1 or (len(read) > 1 and not sensors.time.places):
         raise UsageError(
             f"{' and '.join(path.name for path in read)} must have times of one clock, but only some count rows or "
             "frames, or give the time of day; put all channels into one file"
@@ -319,123 +330,131 @@ def _on_one_clock(read: dict[Path, Table], offset: int) -> dict[Path, Table]:
                     "Dates are compared where all are written as 2026-11-27"
                 )
         stamps[path] = table.stamps + round(days * DAY) * NANOSECONDS
-    begin = min(int(each[0]) for each in stamps.values())
-    return {
-        path: table._replace(stamps=stamps[path] - begin + offset) for path, table in read.items()
-    }
+    shift = offset - min(int(each[0]) for each in stamps.values())
+    return {path: table._replace(stamps=stamps[path] + shift) for path, table in read.items()}
 
 
-def _kind(name: str) -> str:
-    """Quantity of a channel."""
-    if name in (*ANGLES, "reference"):
-        return tables.ANGLE
-    return (
-        tables.MOMENT
-        if name == "moment" or "torque" in name or "assistance" in name
-        else tables.FORCE
-    )
+def _quantity(name: str) -> str:
+    """Return the quantity of a channel."""
+    if name in {*_JOINT_CHANNELS, "reference"}:
+        return ANGLE
+    return MOMENT if name == "moment" or "torque" in name or "assistance" in name else FORCE
 
 
-def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
+def _file_of(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
     """Find the one file that has a channel's columns, by their names."""
     named = {
         path: header
         for path, header in headers.items()
         if fnmatchcase(path.name, channel.file or "*")
     }
-    lacking = {
-        path: [each for each in channel.weights if not header.places(each)]
-        for path, header in named.items()
-    }
-    homes = [path for path, missing in lacking.items() if not missing]
-    if len(homes) == 1:
-        return homes[0]
-    if homes:
-        both, columns = (
-            " and ".join(path.name for path in homes),
-            ", ".join(map(str, channel.weights)),
-        )
-        raise UsageError(f"map: {name}: {both} both have {columns}; say which with {name}.file")
     if not named:
         given = ", ".join(path.name for path in headers)
         raise UsageError(
             f"map: {name}.file: no file is named as {channel.file}; given are {given}"
         )
-    missing, where = min(lacking.values(), key=len)[0], " and ".join(map(str, named))
-    names = [each for header in named.values() for each in header.names]
-    hint = suggest(str(missing), names, f"it has {list_names(names)}")
-    raise UsageError(f"{where} has no column {missing} (map: {name}); {hint}")
+    missing = {
+        path: [each for each in channel.weights if not header.places(each)]
+        for path, header in named.items()
+    }
+    homes = [path for path, lacking in missing.items() if not lacking]
+    if len(homes) > 1:
+        both = " and ".join(path.name for path in homes)
+        columns = ", ".join(map(str, channel.weights))
+        raise UsageError(f"map: {name}: {both} both have {columns}; say which with {name}.file")
+    if not homes:
+        column = min(missing.values(), key=len)[0]
+        names = [each for header in named.values() for each in header.names]
+        hint = suggest(str(column), names, f"it has {list_names(names)}")
+        where = " and ".join(map(str, named))
+        raise UsageError(f"{where} has no column {column} (map: {name}); {hint}")
+    return homes[0]
 
 
 def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
     """Sum the columns of a channel, in SI units and our sign; `leave_out` drops rows without a number."""
-    if _kind(name) == tables.ANGLE and table.degrees is not None:
-        says, header = ("deg", "yes") if table.degrees else ("rad", "no")
-        if tables.spelt(channel.unit) in {"deg", "rad"} - {says}:
+    if _quantity(name) == ANGLE and table.degrees is not None:
+        stated, entry = ("deg", "yes") if table.degrees else ("rad", "no")
+        if unit_name(channel.unit) in {"deg", "rad"} - {stated}:
             raise UsageError(
-                f"{table.path} says inDegrees={header}, and map: {name}.unit {channel.unit}"
+                f"{table.path} says inDegrees={entry}, and map: {name}.unit {channel.unit}"
             )
-    notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
-    times = max(map(abs, channel.weights.values())) * channel.scale
+    notes = [*table.notes]
+    if table.day is not None:
+        notes.append("times count from the first row")
+    multiplier = max(map(abs, channel.weights.values())) * channel.scale
+    what = f"map: {name}.unit"
     for column in channel.weights:
-        said, what = table.units.get(column, ""), f"map: {name}.unit"
-        notes += tables.check_unit(table.path, column, said, channel.unit, what, times=times)
+        notes += check_unit(
+            table.path,
+            column,
+            table.units.get(column, ""),
+            channel.unit,
+            what,
+            multiplier=multiplier,
+        )
     places = [table.names.index(str(column)) for column in channel.weights]
-    numbers = np.isfinite(table.values[:, places])
-    there = np.asarray(numbers.all(axis=1))
-    rows, lost = len(there), np.count_nonzero(~there)
+    finite = np.isfinite(table.values[:, places])
+    complete = np.asarray(finite.all(axis=1))
+    rows = len(complete)
+    lost = np.count_nonzero(~complete)
     if lost and not leave_out:
-        row = int(np.argmin(there))
-        column = table.names[places[int(np.argmin(numbers[row]))]]
+        row = int(np.argmin(complete))
+        lacking = table.names[places[int(np.argmin(finite[row]))]]
         raise UsageError(
-            f"{table.path}: column {column} has no number at {table.stamps[row] / NANOSECONDS:.7g} s, and in {lost} of "
-            f"{rows} rows something is missing; map: missing: leave_out leaves such rows out"
+            f"{table.path}: column {lacking} has no number at {table.stamps[row] / NANOSECONDS:.7g} s, and in {lost} "
+            f"of {rows} rows something is missing; map: missing: leave_out leaves such rows out"
         )
     if rows - lost < 2:
         raise UsageError(
             f"{table.path} has {rows - lost} row with numbers for {name}; a signal over time needs two"
         )
-    notes += [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
-    weights = np.array(list(channel.weights.values()))
-    values = (table.values[there][:, places] @ weights) * (to_si * channel.scale * channel.turned)
-    words = " + ".join(
-        str(column) if w == 1.0 else f"{w:g} {column}" for column, w in channel.weights.items()
+    if lost:
+        notes.append(f"{name}: {lost} of {rows} rows left out, as a number is missing")
+    factor = to_si * channel.scale * channel.orientation
+    values = (table.values[complete][:, places] @ [*channel.weights.values()]) * factor
+    terms = (
+        str(column) if weight == 1.0 else f"{weight:g} {column}"
+        for column, weight in channel.weights.items()
     )
     if channel.offset:
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
-    return Series(name, table.path, words, table.stamps[there], values, tuple(notes), table.doubts)
+    stamps = table.stamps[complete]
+    return Series(name, table.path, " + ".join(terms), stamps, values, tuple(notes), table.doubts)
 
 
-def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
+def _gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     """Combine angles, reactions and ground forces over the time that all channels cover.
 
     Raises:
         UsageError: there is no such time, or fewer than two samples are left.
     """
+    signals = {name: _signal(series) for name, series in channels.items()}
+    gap = sensors.max_gap
     joints = {
-        sensors.angle.joint if name == "angle" else name: [
-            _signal(channels[each]) for each in pair if each in channels
+        sensors.angle.joint if angle == "angle" else angle: [
+            signals[name] for name in (angle, torque) if name in signals
         ]
-        for name, pair in zip(ANGLES, zip(ANGLES, TORQUES, strict=True), strict=True)
-        if name in channels
+        for angle, torque in _JOINT_CHANNELS.items()
+        if angle in signals
     }
     wrenches = {}
     if "load" in channels:
-        wrench = _wrench(
-            channels, ("", "load", "", "moment", "", ""), "load", 0.0, sensors.max_gap
-        )
-        wrenches["load"] = wrench._replace(
-            values=wrench.values * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0] + 0.0
-        )  # no minus 0
+        load = _wrench(channels, ("", "load", "", "moment", "", ""), "load", 0.0, gap)
+        upwards = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+        # Adding 0 makes minus 0 a 0.
+        wrenches["load"] = load._replace(values=load.values * upwards + 0.0)
     if "ground_force" in channels:
-        wrenches["ground_force"] = _wrench(
-            channels, GROUND, "ground_force", np.nan, sensors.max_gap
-        )
-    every = {name: _signal(series) for name, series in channels.items()}
-    rate, gap = sensors.rate, sensors.max_gap
+        wrenches["ground_force"] = _wrench(channels, _GROUND_CHANNELS, "ground_force", np.nan, gap)
     gait = gait_bag.sampled(
-        sensors.side, joints, wrenches, every, rate=rate, max_gap=gap, beyond=BEYOND
+        sensors.side,
+        joints,
+        wrenches,
+        signals,
+        rate=sensors.rate,
+        max_gap=gap,
+        beyond=_ANGLES_BEYOND,
     )
     notes = dict.fromkeys(note for series in channels.values() for note in series.notes)
     columns = {
@@ -451,20 +470,17 @@ def _wrench(
 
     Stamps in gaps of a part longer than `max_gap` [s] are left out.
     """
-    known, stamps = (
-        [channels[name].stamps for name in parts if name in channels],
-        channels[main].stamps,
-    )
+    stamps = channels[main].stamps
+    known = [channels[name].stamps for name in parts if name in channels]
     stamps = stamps[np.all([gait_bag.bridged(stamps, each, max_gap) for each in known], axis=0)]
     if len(stamps) < 2:
         raise UsageError(
             f"{channels[main].where}: all but {len(stamps)} rows lie in gaps of another channel of this "
             f"wrench that are longer than {max_gap:g} s (map: max_gap)"
         )
+    missing = np.full((len(stamps), 1), unknown)
     columns = [
-        _signal(channels[name]).at(stamps).values
-        if name in channels
-        else np.full((len(stamps), 1), unknown)
+        _signal(channels[name]).at(stamps).values if name in channels else missing
         for name in parts
     ]
     return Signal(stamps, np.hstack(columns))

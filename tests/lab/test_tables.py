@@ -9,11 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from knee_contact_ros.lab.headers import TableFormat, header_of
 from knee_contact_ros.lab.tables import (
     Table,
-    TableFormat,
     TimeColumn,
-    header_of,
     read_columns,
     read_storage,
     repaired,

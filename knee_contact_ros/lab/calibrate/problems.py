@@ -24,7 +24,9 @@ from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
 from knee_contact_ros.lab.gait_bag import digest
-from knee_contact_ros.lab.tables import TableFormat, check_unit, header_of, read_numbers
+from knee_contact_ros.lab.headers import TableFormat, header_of
+from knee_contact_ros.lab.tables import read_numbers
+from knee_contact_ros.lab.units import check_unit
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import UNUSABLE, Floats, Status
