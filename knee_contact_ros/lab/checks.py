@@ -28,7 +28,7 @@ from knee_contact_ros.lab.units import (
     TYPICAL_BODY_WEIGHT,
     unit_factor,
 )
-from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
+from knee_contact_ros.model.inputs import CLEAR_RATIO, MAX_RANGE_OF_MOTION, STEP_FLEXION
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -129,9 +129,9 @@ def sign_of(
 
 def _clear_sign(low: float, high: float) -> int:
     """Return the sign of flexion: 1 or -1 if a range of angles [rad] reaches clearly further to one side, else 0."""
-    if high >= CLEAR and high >= -TIMES_MORE * low:
+    if high >= STEP_FLEXION and high >= -CLEAR_RATIO * low:
         return 1
-    return -1 if -low >= CLEAR and -low >= TIMES_MORE * high else 0
+    return -1 if -low >= STEP_FLEXION and -low >= CLEAR_RATIO * high else 0
 
 
 def outside(
@@ -204,7 +204,7 @@ def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True
     """Return why these cannot be an angle and a load at all; empty if they can. OpenSim's are not `mapped`."""
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
-    widest = (0.0, math.degrees(WIDEST))
+    widest = (0.0, math.degrees(MAX_RANGE_OF_MOTION))
     largest = (0.0, math.degrees(LARGEST_ANGLE))
     sentences = outside(angle.where, "the range of motion", high - low, "deg", widest, cure)
     sentences += outside(angle.where, "the largest angle", max(-low, high), "deg", largest, cure)

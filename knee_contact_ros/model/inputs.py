@@ -10,226 +10,222 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Integers
+from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Stamps
 
-ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
-"""Number of ticks and time [s] after which a wrong sign, or a missing load, cannot be a swing phase"""
-PULLING = -50.0
-"""Mean load [N] below which even an unloaded knee is not plausible"""
-TIMES_MORE = 2.0
+CLEAR_RATIO = 2.0
 """Ratio of two ranges or forces above which one clearly is the larger"""
-CLEAR = math.radians(20.0)
+STEP_FLEXION = math.radians(20.0)
 """Angle [rad] that a knee reaches in flexion in every step, and never in extension"""
-WIDEST = math.radians(180.0)
+MAX_RANGE_OF_MOTION = math.radians(180.0)
 """Range of motion [rad] beyond that of any knee"""
-BENT = math.radians(110.0)
-"""Mean flexion [rad] under load that no gait has"""
-OFTEN = 0.1
-"""Smallest fraction of ticks under load for their mean angle to be judged"""
-LEAST_LOAD = 10.0
+_JUDGED_TICKS = 100
+"""Number of ticks from which a wrong sign, or a missing load, cannot be a swing phase"""
+_JUDGED_TIME = 1.0
+"""Time [s] from which a wrong sign, or a missing load, cannot be a swing phase"""
+_PULLING_LOAD = -50.0
+"""Mean load [N] below which even an unloaded knee is not plausible"""
+_INCLUDED_ANGLE = math.radians(110.0)
+"""Mean flexion [rad] under load that no gait has: it is 180 degrees minus the flexion"""
+_JUDGED_SHARE = 0.1
+"""Smallest fraction of ticks in a posture for their mean angle or load to be judged"""
+_MOVING_LOAD = 10.0
 """Load [N] that a moving knee exceeds, if only by the weight of the shank"""
-PERCENT, SWINGS, STRAIGHT = 0.3, math.radians(40.0), math.radians(25.0)
-"""Peak load [BW] that is too small for gait, as if a load in percent were read as newtons; flexion [rad] above which a
-walking leg swings, and below which it may stand"""
-MOST_WEIGHTS = 10.0
+_PERCENT_LOAD = 0.3
+"""Peak load [BW] that is too small for gait, as if a load in percent were read as newtons"""
+_SWING_FLEXION = math.radians(40.0)
+"""Flexion [rad] above which a walking leg swings"""
+_STANCE_FLEXION = math.radians(25.0)
+"""Flexion [rad] below which a walking leg may stand"""
+_MAX_LOAD = 10.0
 """Load [BW] beyond that of any knee in gait"""
-HEAVIEST = 2000.0
-"""Body weight [N] that is taken for the largest plausible load where none is known"""
-STANDS = 0.5
-"""Load [BW] above which a leg counts as standing; an unknown body weight is replaced by `USUAL`"""
-USUAL = 735.0
-"""Body weight [N] of a typical person"""
-SLOWEST = 0.5
+_HEAVIEST = 2000.0
+"""Body weight [N] for `_MAX_LOAD` if it is not known: beyond that of nearly all people"""
+_STANDING_LOAD = 0.5
+"""Load [BW] above which a leg counts as standing"""
+_TYPICAL_WEIGHT = 735.0
+"""Body weight [N] for `_STANDING_LOAD` and `_PERCENT_LOAD` if it is not known: that of 75 kg"""
+_LONG_STEP = 0.5
 """Time step [s] that is too long to show a gait"""
-CARRIES = 100.0
+_OTHER_AXIS_LOAD = 100.0
 """Mean force [N] along another axis than the tibia's above which there is a warning"""
 
 
 @dataclass
-class Inputs:
+class InputCheck:
     """Angles and loads of a run of any length, kept as extremes and sums."""
 
     body_weight: float | None = None
     """Body weight [N]; None: not known"""
-    driven: bool = True
+    load_driven: bool = True
     """Whether the load drives the femur; otherwise it is only passed on, and not judged"""
     names: str = "knee.flexion_"
     """Beginning of the names of the parameters `sign` and `offset`"""
     ticks: int = 0
     """Number of ticks"""
-    lowest: float = math.inf
-    """Lowest load [N]"""
-    highest: float = -math.inf
-    """Highest load [N]"""
-    least: float = math.inf
-    """Least flexion angle [rad]"""
-    most: float = -math.inf
+    min_load: float = math.inf
+    """Smallest load [N]"""
+    max_load: float = -math.inf
+    """Largest load [N]"""
+    min_angle: float = math.inf
+    """Smallest flexion angle [rad]"""
+    max_angle: float = -math.inf
     """Largest flexion angle [rad]"""
-    outside: int = 0
+    angles_outside: int = 0
     """Number of angles beyond those of any knee"""
-    overloaded: int = 0
+    loads_outside: int = 0
     """Number of loads beyond those of any knee"""
-    slow: int = 0
-    """Number of time steps of `SLOWEST` or more"""
-    _stood: int = 0
-    _angles: float = field(
-        default=0.0, compare=False
-    )  # sum of the angles [rad] while the leg stood
+    long_steps: int = 0
+    """Number of time steps of `_LONG_STEP` or more"""
+    # Sums are not compared: their rounding depends on the blocks in which samples came.
+    _standing: int = 0
+    """Number of ticks in which the leg stood"""
+    _standing_angles: float = field(default=0.0, compare=False)
+    """Sum of the angles [rad] of these ticks"""
     _bent: int = 0
+    """Number of ticks with a flexion above `_SWING_FLEXION`"""
     _straight: int = 0
-    _bent_load: float = field(default=0.0, compare=False)  # sums of the loads [N] at such angles
+    """Number of ticks with a flexion below `_STANCE_FLEXION`"""
+    _bent_load: float = field(default=0.0, compare=False)
+    """Sum of the loads [N] at such angles"""
     _straight_load: float = field(default=0.0, compare=False)
-    _sum: float = field(
-        default=0.0, compare=False
-    )  # of all loads [N]; rounding depends on the blocks that came
-    _first: int = 0  # stamps [ns]
-    _last: int = 0
-    _newest: int = 0
+    _load_sum: float = field(default=0.0, compare=False)
+    """Sum of all loads [N]"""
+    _first: int = 0
+    """First stamp [ns]"""
+    _latest: int = 0
+    """Latest stamp [ns]"""
+    _previous: int = 0
+    """Stamp [ns] of the last sample that came, which is an earlier one after a reset of the time"""
 
-    def add_all(self, stamps: Integers, angles: Floats, loads: Floats) -> None:
+    def add_samples(self, stamps: Stamps, angles: Floats, loads: Floats) -> None:
         """Add samples, at least one: stamps [ns], flexion angles [rad] and loads [N], shape (n,)."""
         if not self.ticks:
-            self._first = self._newest = int(stamps[0])
-        steps = np.diff(stamps, prepend=self._newest)
-        self.slow += int(np.count_nonzero(steps >= SLOWEST / NANOSECOND))
-        self._newest, self._last = int(stamps[-1]), max(self._last, int(stamps.max()))
+            self._first = self._previous = int(stamps[0])
+        steps = np.diff(stamps, prepend=self._previous)
+        self.long_steps += int(np.count_nonzero(steps >= _LONG_STEP / NANOSECOND))
+        self._previous = int(stamps[-1])
+        self._latest = max(self._latest, int(stamps.max()))
         self.ticks += len(stamps)
-        self._sum += float(loads.sum())
-        self.lowest, self.highest = (
-            min(self.lowest, float(loads.min())),
-            max(self.highest, float(loads.max())),
-        )
-        self.least, self.most = (
-            min(self.least, float(angles.min())),
-            max(self.most, float(angles.max())),
-        )
-        self.outside += int(np.count_nonzero((angles < MIN_FLEXION) | (angles > MAX_FLEXION)))
-        self.overloaded += int(np.count_nonzero(loads > self.limit))
-        bent, straight = angles > SWINGS, angles < STRAIGHT
+        self._load_sum += float(loads.sum())
+        self.min_load = min(self.min_load, float(loads.min()))
+        self.max_load = max(self.max_load, float(loads.max()))
+        self.min_angle = min(self.min_angle, float(angles.min()))
+        self.max_angle = max(self.max_angle, float(angles.max()))
+        outside = (angles < MIN_FLEXION) | (angles > MAX_FLEXION)
+        self.angles_outside += int(np.count_nonzero(outside))
+        self.loads_outside += int(np.count_nonzero(loads > self.plausible_load))
+        bent = angles > _SWING_FLEXION
+        straight = angles < _STANCE_FLEXION
         self._bent += int(np.count_nonzero(bent))
         self._straight += int(np.count_nonzero(straight))
         self._bent_load += float(loads[bent].sum())
         self._straight_load += float(loads[straight].sum())
-        stands = loads >= STANDS * (self.body_weight or USUAL)
-        self._stood += int(np.count_nonzero(stands))
-        self._angles += float(angles[stands].sum())
+        stands = loads >= _STANDING_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
+        self._standing += int(np.count_nonzero(stands))
+        self._standing_angles += float(angles[stands].sum())
 
     @property
-    def limit(self) -> float:
+    def plausible_load(self) -> float:
         """Load [N] beyond that of any knee."""
-        return MOST_WEIGHTS * (self.body_weight or HEAVIEST)
+        return _MAX_LOAD * (self.body_weight or _HEAVIEST)
 
     @property
-    def _long(self) -> bool:
-        return (
-            self.ticks >= ONE_SIDED_TICKS
-            and self._last - self._first >= ONE_SIDED_TIME / NANOSECOND
-        )
+    def _can_be_judged(self) -> bool:
+        """Whether the run is too long to be a swing phase."""
+        long_enough = self._latest - self._first >= _JUDGED_TIME / NANOSECOND
+        return self.ticks >= _JUDGED_TICKS and long_enough
 
     @property
-    def _percent(self) -> bool:
+    def _is_percent(self) -> bool:
         """Whether the load follows the angle as in gait, but is much too small."""
-        if not self._long or self.highest > PERCENT * (self.body_weight or USUAL):
+        too_small = self.max_load <= _PERCENT_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
+        if not self._can_be_judged or not too_small:
             return False
-        often = min(self._bent, self._straight) >= OFTEN * self.ticks
-        return (
-            often
-            and TIMES_MORE * self._bent_load * self._straight <= self._straight_load * self._bent
-        )
+        enough = min(self._bent, self._straight) >= _JUDGED_SHARE * self.ticks
+        # Mean load when straight against that when bent, without dividing by a number of ticks that may be 0
+        bent = CLEAR_RATIO * self._bent_load * self._straight
+        return enough and bent <= self._straight_load * self._bent
 
     @property
     def about_angle(self) -> str:
         """Sentence about angles that no knee has; empty if they are plausible."""
-        low, high = math.degrees(self.least), math.degrees(self.most)
+        least, most = self.min_angle, self.max_angle
+        low, high = math.degrees(least), math.degrees(most)
         span = f"the flexion angle goes from {low:.1f} to {high:.1f} deg"
-        if (
-            self._long
-            and -self.least >= CLEAR
-            and -self.least >= TIMES_MORE * self.most
-            and self.most < CLEAR
-        ):
-            hint = ", and is it in degrees instead of radians" if self.least < -MAX_FLEXION else ""
+        extends = -least >= STEP_FLEXION and -least >= CLEAR_RATIO * most and most < STEP_FLEXION
+        if self._can_be_judged and extends:
+            hint = ", and is it in degrees instead of radians" if least < -MAX_FLEXION else ""
             return f"{span}, which is extension: is its sign the other one ({self.names}sign -1){hint}?"
-        mirrored = math.pi - self.most >= MIN_FLEXION and math.pi - self.least <= MAX_FLEXION
-        if (
-            self._long
-            and mirrored
-            and self._stood >= OFTEN * self.ticks
-            and self._angles >= BENT * self._stood
-        ):
-            mean = math.degrees(self._angles / self._stood)
+        could_be_included = math.pi - most >= MIN_FLEXION and math.pi - least <= MAX_FLEXION
+        stood = self._standing >= _JUDGED_SHARE * self.ticks
+        bent_under_load = self._standing_angles >= _INCLUDED_ANGLE * self._standing
+        if self._can_be_judged and could_be_included and stood and bent_under_load:
+            mean = math.degrees(self._standing_angles / self._standing)
             return (
                 f"{span}, and is {mean:.0f} deg on average under load: is it the included angle, 180 deg - flexion "
                 f"({self.names}sign -1, {self.names}offset {math.pi:.5f})?"
             )
-        if self.outside:
+        if self.angles_outside:
             knee = f"and a knee has {math.degrees(MIN_FLEXION):.0f} to {math.degrees(MAX_FLEXION):.0f}"
-            raw = f"{self.least:.4g} to {self.most:.4g}"
-            often = f"{self.outside} of {self.ticks} ticks are beyond"
-            if self.most - self.least > WIDEST:
+            raw = f"{least:.4g} to {most:.4g}"
+            often = f"{self.angles_outside} of {self.ticks} ticks are beyond"
+            if most - least > MAX_RANGE_OF_MOTION:
                 return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
-            turned = (
-                self.least < MIN_FLEXION
-                and -self.most >= MIN_FLEXION
-                and -self.least <= MAX_FLEXION
-            )
-            cause = f"is its sign the other one ({self.names}sign -1), " * turned
-            cause += f"does it have an offset ({self.names}offset, in rad), or is it in degrees instead of radians"
+            cause = f"does it have an offset ({self.names}offset, in rad), or is it in degrees instead of radians"
+            if least < MIN_FLEXION and -most >= MIN_FLEXION and -least <= MAX_FLEXION:
+                cause = f"is its sign the other one ({self.names}sign -1), {cause}"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"
         return ""
 
     @property
-    def pulls(self) -> bool:
+    def load_pulls(self) -> bool:
         """Whether the load pulls throughout or for the most part."""
-        low = self._sum <= PULLING * self.ticks and -self.lowest >= TIMES_MORE * self.highest
-        return self.driven and self._long and low
+        tensile = self._load_sum <= _PULLING_LOAD * self.ticks
+        mostly = -self.min_load >= CLEAR_RATIO * self.max_load
+        return self.load_driven and self._can_be_judged and tensile and mostly
 
     @property
     def about_load(self) -> str:
         """Sentence about a load with the wrong sign or unit, or too large for a knee; empty if it is plausible."""
-        least, most = self.lowest, self.highest
-        if not self.driven:
+        least, most = self.min_load, self.max_load
+        if not self.load_driven:
             return ""
-        if self.pulls:
+        if self.load_pulls:
             how = "throughout" if most <= 0.0 else "for the most part"
             return (
                 f"the load was negative {how} ({least:.0f} to {most:.0f} N): compression is force.y < 0 "
                 "in joint_reaction_force; does your sensor use the opposite sign?"
             )
-        if self._long and max(-least, most) < LEAST_LOAD:
+        if self._can_be_judged and max(-least, most) < _MOVING_LOAD:
             if least != most or least:
                 return f"the load was {least:.3g} to {most:.3g} N throughout: is it in kN or body weights instead of N?"
             return "the load was 0 throughout: does another axis of joint_reaction_force carry it, or nothing?"
-        percent = f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
-        if most > self.limit:
+        if most > self.plausible_load:
             weights = f"{most / self.body_weight:.3g} body weights, " if self.body_weight else ""
             return (
-                f"the load reaches {most:.0f} N ({weights}beyond {self.limit:.0f} N in {self.overloaded} of "
-                f"{self.ticks} ticks), more than any knee bears: is it in N, does it have a spike, or is body_weight "
-                "wrong?"
+                f"the load reaches {most:.0f} N ({weights}beyond {self.plausible_load:.0f} N in {self.loads_outside} "
+                f"of {self.ticks} ticks), more than any knee bears: is it in N, does it have a spike, or is "
+                "body_weight wrong?"
             )
-        return percent if self._percent else ""
+        percent = f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
+        return percent if self._is_percent else ""
 
     @property
     def about_time(self) -> str:
         """Sentence about ticks that are too far apart for any gait; empty otherwise."""
-        if self.ticks < ONE_SIDED_TICKS or self.slow < 0.5 * self.ticks:
+        if self.ticks < _JUDGED_TICKS or self.long_steps < 0.5 * self.ticks:
             return ""
-        step = (self._last - self._first) * NANOSECOND / (self.ticks - 1)
+        step = (self._latest - self._first) * NANOSECOND / (self.ticks - 1)
         return f"the samples are {step:.3g} s apart: are their times in milliseconds instead of seconds?"
 
     @property
     def sentences(self) -> list[str]:
         """All sentences."""
-        return [
-            sentence
-            for sentence in (self.about_angle, self.about_load, self.about_time)
-            if sentence
-        ]
+        return [text for text in (self.about_angle, self.about_load, self.about_time) if text]
 
 
 @dataclass
-class Axes:
+class AxisCheck:
     """Which axis of the joint reaction carries the load."""
 
     frame: str = ""
@@ -243,26 +239,29 @@ class Axes:
     z: float = 0.0
     """The same along z"""
 
-    def add(self, x: float, y: float, z: float) -> None:
-        """Add a force [N]; NaN counts as 0."""
+    def add_force(self, x: float, y: float, z: float) -> None:
+        """Add a force [N]; NaN along x or z counts as 0."""
         self.forces += 1
-        self.x += abs(x) if x == x else 0.0  # noqa: PLR0124  (sooner than math.isnan)
+        # A number that differs from itself is NaN; `math.isnan` takes longer, and this is done in every tick.
+        self.x += abs(x) if x == x else 0.0  # noqa: PLR0124
         self.y += abs(y)
         self.z += abs(z) if z == z else 0.0  # noqa: PLR0124
 
-    def add_all(self, forces: Floats) -> None:
+    def add_forces(self, forces: Floats) -> None:
         """Add forces [N], shape (n, 3)."""
         self.forces += len(forces)
         x, y, z = np.nansum(np.abs(forces), axis=0).tolist()
-        self.x, self.y, self.z = self.x + x, self.y + y, self.z + z
+        self.x += x
+        self.y += y
+        self.z += z
 
     @property
     def sentence(self) -> str:
         """Sentence about another axis than y that carries the load; empty if y carries it."""
-        if self.forces < ONE_SIDED_TICKS:
+        if self.forces < _JUDGED_TICKS:
             return ""
         name, other = max((("x", self.x), ("z", self.z)), key=lambda axis: axis[1])
-        if other <= CARRIES * self.forces or other <= TIMES_MORE * self.y:
+        if other <= _OTHER_AXIS_LOAD * self.forces or other <= CLEAR_RATIO * self.y:
             return ""
         carried = f"force.{name} carries {other / self.forces:.0f} N on average, and force.y {self.y / self.forces:.0f}"
         if self.frame:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.model import ticks
-from knee_contact_ros.model.inputs import Inputs
+from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.kernel import compiled_run, kernel_views, worth_compiling
 from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
@@ -192,9 +192,9 @@ class KneeModel:
         height = heights[0] if heights else np.full(len(time_), math.nan)
         self.compute(np.column_stack([durations, angles, loads, height]), answers)
         answers["stamp"] = stamps
-        inputs = Inputs(driven=not heights)
+        inputs = InputCheck(load_driven=not heights)
         if len(answers):
-            inputs.add_all(answers["stamp"], angles, loads)
+            inputs.add_samples(answers["stamp"], angles, loads)
         for sentence in inputs.sentences:
             warnings.warn(sentence, stacklevel=2)
         series: np.recarray[Any, Any] = answers.view(self.results)

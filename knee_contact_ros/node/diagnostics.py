@@ -297,8 +297,8 @@ class ContactHealth(Health):
         inputs, angle = doubts.inputs, doubts.inputs.about_angle
         problem = "; ".join(sentence for sentence in doubts.about_inputs if sentence != angle)
         if doubts.ticks:
-            values = {"from [N]": f"{inputs.lowest:.1f}", "to [N]": f"{inputs.highest:.1f}"}
-            bounds = (("from [deg]", inputs.least), ("to [deg]", inputs.most))
+            values = {"from [N]": f"{inputs.min_load:.1f}", "to [N]": f"{inputs.max_load:.1f}"}
+            bounds = (("from [deg]", inputs.min_angle), ("to [deg]", inputs.max_angle))
             flexion = {name: f"{math.degrees(bound):.1f}" for name, bound in bounds}
         if self._contacts.varies:
             split = self._contacts.split

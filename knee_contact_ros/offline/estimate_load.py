@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.provenance import ORIGIN, stored_load, weight_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.model.inputs import Inputs
+from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import (
@@ -141,8 +141,8 @@ def estimate_load(
             finish(recorder, pipeline, bag, damage)
             if not len(estimates):
                 raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
-    seen = Inputs(parameters.person.constants.weight, driven=False, names="knee.")
-    seen.add_all(estimates["stamp"], np.array(flexions), estimates["axial_force"])
+    seen = InputCheck(parameters.person.constants.weight, load_driven=False, names="knee.")
+    seen.add_samples(estimates["stamp"], np.array(flexions), estimates["axial_force"])
     refused, level = pipeline.synchroniser.refused, pipeline.level
     return LoadSummary(estimates, refused, damage, level, parameters.calibrated, seen.sentences)
 

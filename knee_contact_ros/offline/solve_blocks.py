@@ -242,7 +242,7 @@ def _computed(
         )
     )
     pipeline.ticks += number
-    pipeline.doubts.axes.add_all(samples.wrenches.numbers["force"][:number])
+    pipeline.doubts.axes.add_forces(samples.wrenches.numbers["force"][:number])
     if pipeline.varies:
         pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, angle))
     taken = fresh & (paired.tick_of_angle < number)

@@ -221,7 +221,7 @@ class ContactPipeline(Pipeline):
     def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
         """Sample with the axial load; see `load_sample`."""
         sample = load_sample(message, self.by_moment, arrived, data)
-        self.doubts.axes.add(*message.force)
+        self.doubts.axes.add_force(*message.force)
         return sample
 
     def compute(self, pair: PairedSample) -> list[bytes]:

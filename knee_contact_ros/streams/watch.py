@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import LOADED
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
-from knee_contact_ros.model.inputs import Axes, Inputs
+from knee_contact_ros.model.inputs import AxisCheck, InputCheck
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import (
     FLAT,
@@ -48,10 +48,16 @@ IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     """Make the doubts about parameters, ready to watch a run of their model."""
     weight = parameters.body_weight
-    inputs = Inputs(None if weight_doubt(weight) else weight, driven=not model.height_prescribed)
+    inputs = InputCheck(
+        None if weight_doubt(weight) else weight, load_driven=not model.height_prescribed
+    )
     doubts = parameter_doubts(parameters, model)
     return Doubts(
-        model.plausible_depth, beyond_words(model), doubts, inputs, Axes(parameters.frame.tibia)
+        model.plausible_depth,
+        beyond_words(model),
+        doubts,
+        inputs,
+        AxisCheck(parameters.frame.tibia),
     )
 
 
@@ -134,9 +140,9 @@ class Doubts:
     """Phrase for that depth"""
     about_parameters: list[str] = field(default_factory=list)
     """Sentences about the parameters; see `parameter_doubts`"""
-    inputs: Inputs = field(default_factory=Inputs)
+    inputs: InputCheck = field(default_factory=InputCheck)
     """Angles and loads of the run"""
-    axes: Axes = field(default_factory=Axes, compare=False)
+    axes: AxisCheck = field(default_factory=AxisCheck, compare=False)
     """Forces of the run as they came, if known; a recording's answers do not contain them"""
     too_deep: int = 0
     """Number of answers that are too deep, by their status bit or, in older recordings, by the limit"""
@@ -155,14 +161,17 @@ class Doubts:
         """Continue with the limit and the sentences of other parameters."""
         self.plausible_depth, self.limit = other.plausible_depth, other.limit
         self.about_parameters, self.axes.frame = other.about_parameters, other.axes.frame
-        self.inputs.body_weight, self.inputs.driven = other.inputs.body_weight, other.inputs.driven
+        self.inputs.body_weight, self.inputs.load_driven = (
+            other.inputs.body_weight,
+            other.inputs.load_driven,
+        )
 
     def add_all(self, answers: Mapping[str, NDArray[Any]] | Rows) -> None:
         """Add answers, at least one, by the names of their fields."""
         if isinstance(answers, np.ndarray):
             answers = answers.view(FLAT)
         depths, gaps = answers["penetration_depth"], answers["gap"]
-        self.inputs.add_all(answers["stamp"], answers["flexion_angle"], answers["load"])
+        self.inputs.add_samples(answers["stamp"], answers["flexion_angle"], answers["load"])
         angles, places = answers["flexion_angle"], np.abs(answers["contact_point_x"])
         off = (depths > 0.0) & (places > MAX_CONTACT_X)
         if off.any():
@@ -224,7 +233,7 @@ class Doubts:
     def sentences(self) -> list[str]:
         """All sentences: about parameters, depths, gaps and inputs."""
         answers = self.about_answers
-        if self.flown and self.inputs.pulls:  # the cause of the gap is told
+        if self.flown and self.inputs.load_pulls:  # the cause of the gap is told
             answers.pop()
         return [*self.about_parameters, *answers, *self.about_inputs]
 

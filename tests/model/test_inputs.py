@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.model.inputs import Axes, Inputs
+from knee_contact_ros.model.inputs import AxisCheck, InputCheck
 from knee_contact_ros.model.types import Status
 
 WEIGHT = 700.0
@@ -41,11 +41,11 @@ def told(
     time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | None = WEIGHT
 ) -> list[str]:
     """What is said of a run, the same of all at once and in parts."""
-    whole, parts = Inputs(weight), Inputs(weight)
+    whole, parts = InputCheck(weight), InputCheck(weight)
     stamps = np.rint(1e9 * time).astype(np.int64)
-    whole.add_all(stamps, angle, load)
+    whole.add_samples(stamps, angle, load)
     for part in np.array_split(np.arange(len(time)), 7):
-        parts.add_all(stamps[part], angle[part], load[part])
+        parts.add_samples(stamps[part], angle[part], load[part])
     assert whole.sentences == parts.sentences
     return whole.sentences
 
@@ -116,10 +116,10 @@ def test_two_thousand_gaits_are_not_doubted() -> None:
 
 def axes(forces: np.ndarray, frame: str = "") -> str:
     """What is said of forces [N], the same of all at once and one by one."""
-    whole, each = Axes(frame), Axes(frame)
-    whole.add_all(forces)
+    whole, each = AxisCheck(frame), AxisCheck(frame)
+    whole.add_forces(forces)
     for force in forces.tolist():
-        each.add(*force)
+        each.add_force(*force)
     assert whole.sentence == each.sentence
     return whole.sentence
 

@@ -261,7 +261,7 @@ class Gathered:
     @property
     def driving(self) -> str:
         """Field whose largest value is at `largest`."""
-        return "load" if self.doubts.inputs.driven else "contact_force"
+        return "load" if self.doubts.inputs.load_driven else "contact_force"
 
 
 NUMBERS = (
@@ -592,7 +592,7 @@ def _read(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) -> R
     except UsageError:  # a file that the parameters name is missing
         own, model = answering(topic, parameters_in(basis), {})[0], None
     doubts = doubts_about(own, model) if model else Doubts()
-    doubts.inputs.driven = own.drive != "displacement"
+    doubts.inputs.load_driven = own.drive != "displacement"
     parts = {name: list[NDArray[Any]]() for name in FIELDS}
     for block in answer_blocks(path, topic, bar):
         for name in FIELDS:
