@@ -19,7 +19,8 @@ from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, table
-from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane
+from knee_contact_ros.model.profiles import Circle
+from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Status
 from studies.ellipse import Ellipse, SmoothFemur

@@ -18,7 +18,7 @@ from knee_contact_ros.model.profiles import (
     NOWHERE,
     TRIED,
     Circle,
-    Table,
+    KernelTable,
     cell_polynomials,
 )
 from knee_contact_ros.model.types import Floats
@@ -69,7 +69,7 @@ class SmoothFemur(Circle):
         return -np.stack([sine * h + cosine * slope, cosine * h - sine * slope], axis=1)
 
     @cached_property
-    def on_plane(self) -> Table:
+    def on_plane(self) -> KernelTable:
         """The support function for the kernel.
 
         Raises:
@@ -93,4 +93,4 @@ class SmoothFemur(Circle):
             raise ValueError(
                 "the support function is not smooth, or its slope is not its derivative"
             )
-        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])
+        return KernelTable(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])

@@ -15,7 +15,8 @@ from knee_contact_ros.model import ticks
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
-from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane, Plateau, Profile
+from knee_contact_ros.model.profiles import Circle, Profile
+from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import NANOSECOND, Fidelity, blank_answers
 from knee_contact_ros.parameters.schema import Parameters, constants_of

@@ -12,8 +12,9 @@ from knee_contact_ros.model import ticks
 from knee_contact_ros.model.compiler import COMPILING, compiled, kept_by
 from knee_contact_ros.model.laws import hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.profiles import Circle
 from knee_contact_ros.model.solver import KneeConstants
-from knee_contact_ros.model.surfaces import Circle, ContactPair, Plane
+from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows, blank_answers
 
 PLAIN_TICK = 0.3e-3

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.model import ticks
+from knee_contact_ros.model.closest import Closest
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.kernel import compiled_run, kernel_views, worth_compiling
 from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.statics import plain_static_depth
-from knee_contact_ros.model.surfaces import Closest, ContactPair
+from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank_answers
 
 INPUTS = ("flexion_angle", "load", "femoral_height")

@@ -37,7 +37,7 @@ NOTHING, NOWHERE = np.full((1, 1), math.nan), np.zeros(1, np.int64)
 """Arrays of the kernel that are not used"""
 
 
-class Table(NamedTuple):
+class KernelTable(NamedTuple):
     """A support function, tabulated for the kernel."""
 
     cells: Floats
@@ -150,10 +150,10 @@ class Circle:
         ).cubics
 
     @property
-    def on_plane(self) -> Table:
+    def on_plane(self) -> KernelTable:
         """The support function for the kernel."""
         cells = np.array([[float(self.radius)] + DEGREE * [0.0]])
-        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
+        return KernelTable(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ class Profile:
         return h, slope
 
     @cached_property
-    def on_plane(self) -> Table:
+    def on_plane(self) -> KernelTable:
         """The support function for the kernel."""
         cells, segments = self._candidates()
         first = np.searchsorted(cells, np.arange(CELLS + 1)).astype(np.int64)
@@ -258,7 +258,7 @@ class Profile:
         places = [(self.cubics[segments, 1] + u[:, k])[order[k][first[:-1]]] for k in (0, -1)]
         starts = segments[:, None].astype(np.float64)
         kinks = self._kinks(first, starts, np.isnan(polynomials[:, 0]), np.stack(places))
-        return Table(polynomials, first, starts, self.cubics, np.array(kinks))
+        return KernelTable(polynomials, first, starts, self.cubics, np.array(kinks))
 
     def _candidates(self) -> tuple[Integers, Integers]:
         """Return cells and the segments that may have the lowest point in them, in the order of cells.
@@ -305,7 +305,7 @@ class Profile:
     def _kinks(
         self, begins: Integers, starts: Floats, open_cells: NDArray[Any], edges: Floats
     ) -> list[float]:
-        """Return the angles [rad] of `Table.kinks`; `edges` has the places [m] at both edges of each cell.
+        """Return the angles [rad] of `KernelTable.kinks`; `edges` has the places [m] at both edges of each cell.
 
         While the lowest point glides, the curve bends to the same side all along. If it does not between the lowest
         points of two angles, bisection checks whether the lowest point leaps.

@@ -17,6 +17,7 @@ import math
 import sys
 from typing import NamedTuple
 
+from knee_contact_ros.model.closest import Surfaces, next_kink, touch
 from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.error_estimate import (
     HORIZON,
@@ -41,7 +42,6 @@ from knee_contact_ros.model.error_estimate import (
     with_uncorrelated_bound,
 )
 from knee_contact_ros.model.laws import APART, BEGIN, DAMPING, force_at, layer_at
-from knee_contact_ros.model.surfaces import Surfaces, next_kink, touch
 from knee_contact_ros.model.types import Floats
 
 NOWHERE, ABOVE, FORCE, BELOW = -1, 0, 1, 2

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from knee_contact_ros.model.closest import Surfaces, touch
 from knee_contact_ros.model.compiler import in_kernel
 from knee_contact_ros.model.laws import BEGIN, force_at, law_force
-from knee_contact_ros.model.surfaces import Surfaces, touch
 from knee_contact_ros.model.types import Floats
 
 MAX_ITERATIONS = 200

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 
+from knee_contact_ros.model.closest import closest, next_kink, touch
 from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.error_estimate import (
     EXACT,
@@ -43,7 +44,6 @@ from knee_contact_ros.model.solver import (
     advance,
 )
 from knee_contact_ros.model.statics import ANSWER, START_HEIGHT, static_contact
-from knee_contact_ros.model.surfaces import closest, next_kink, touch
 from knee_contact_ros.model.types import (
     MAX_CONTACT_X,
     MAX_FLEXION,

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import hinge
-from knee_contact_ros.model.surfaces import ContactPair, Plane, Profile
+from knee_contact_ros.model.profiles import Profile
+from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from studies.choosing.surfaces import read_points
 from studies.honesty.dented import condyle, solve

@@ -7,7 +7,8 @@ from dataclasses import replace
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import MECHANISMS, Mechanism
-from knee_contact_ros.model.surfaces import Circle, ContactPair, Plane, Profile
+from knee_contact_ros.model.profiles import Circle, Profile
+from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.model import statics
+from knee_contact_ros.model.closest import touch
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.surfaces import touch
 from tests.helpers.scenes import BODY_WEIGHT, law, model
 from tests.model.scenes import LAWS_ON_PAIRS, PAIRS, ROUNDING
 

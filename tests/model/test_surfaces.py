@@ -16,18 +16,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.model import compiler, surfaces
+from knee_contact_ros.model.closest import Closest, closest, next_kink, touch
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
 from knee_contact_ros.model.profiles import CELLS, Circle, Profile, lowest_point
-from knee_contact_ros.model.surfaces import (
-    Closest,
-    ContactPair,
-    Cup,
-    Plane,
-    Plateau,
-    closest,
-    next_kink,
-    touch,
-)
+from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
 from studies.ellipse import SmoothFemur
 from tests import ROOT
 from tests.model.brute_force import Femur, above_plane, deepest, in_cup, on_plateau

@@ -17,7 +17,8 @@ from knee_contact_ros.lab.profiles import picture
 from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, contact_centre, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.mechanisms import hinge
-from knee_contact_ros.model.surfaces import ContactPair, Plane, Profile
+from knee_contact_ros.model.profiles import Profile
+from knee_contact_ros.model.surfaces import ContactPair, Plane
 from studies.choosing.surfaces import read_points
 from tests.lab.profiles.meshes import (
     EDGE,

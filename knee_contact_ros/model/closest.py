@@ -1,0 +1,383 @@
+"""Where a femoral surface and a tibial one are closest or overlap most, in the kernel's form.
+
+Generalized contact kinematics of the paper, Eqs. 1 to 6: at the two points of closest approach the normals are parallel
+(n x n' = 0) and the vector between the points lies along them (d x n = 0).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from knee_contact_ros.model.compiler import in_kernel, inlined
+from knee_contact_ros.model.mechanisms import translation
+from knee_contact_ros.model.profiles import SHRUNK, support_at
+from knee_contact_ros.model.starts import (
+    COLUMN_WIDTH,
+    FIRST_ANGLE,
+    NARROW_COLUMNS,
+    WIDE_COLUMNS,
+    WIDE_FACTOR,
+)
+from knee_contact_ros.model.types import Floats, Integers
+
+ON_PLANE = 0
+"""Kind of a pair with a plane tibia: the femur's support function gives the depth"""
+IN_CUP = 1
+"""Kind of a circle in a cup: the depth has a closed form"""
+ON_CURVE = 2
+"""Kind of every other pair: a search finds the common normal"""
+CUP_COSINE = 0.5
+"""Cosine of a cup's half angle, 60 degrees: far beyond any plateau, and the surface stays open upwards"""
+CUP_SINE = math.sqrt(0.75)
+"""Sine of that half angle"""
+_MAX_NEWTON_STEPS = 40
+"""Largest number of Newton's steps from a start, after which the search by halving takes over"""
+_MAX_HALVINGS = 80
+"""Largest number of steps of that search: halving 1 m 50 times reaches the rounding error, the others widen it first"""
+_MAX_HEIGHT = 1.0
+"""Height [m] beyond which no contact is searched: only a diverged iterate gets there"""
+_FIRST_OUTWARD_STEP = 1e-4
+"""First step [m] of the search by halving, doubled until the place is enclosed"""
+_LAST_STEP = 5e-7
+"""Newton's step [m] after which the error, of its square, is a rounding error"""
+_LAST_BUMPY_STEP = 1e-7
+"""The same for bumpy surfaces, which bend more"""
+_FINEST = 1e-14
+"""Distance [m] of two bounds at which halving ends, and Newton's step on the tibia: the rounding error of 0.1 m"""
+_MAX_STEP = 1e-3
+"""Largest of Newton's steps [m] of surfaces in contact"""
+_MAX_BUMPY_STEP = 1e-4
+"""The same for bumpy surfaces, so that a step leads to no other bump. Tuned: tests/model/test_surfaces.py"""
+_MAX_STEP_PER_DISTANCE = 0.05
+"""What is added to that largest step, per vertical distance of the two points"""
+
+
+class Closest(NamedTuple):
+    """The common normal of femur and tibia in one pose, in the tibia frame; the unit n points from tibia to femur."""
+
+    depth: float
+    """Signed penetration depth along n [m]: > 0 in overlap, < 0 apart"""
+    extent: float
+    """Distance of the femur's deepest point from the reference point, against n [m]: -r·n"""
+    turning: float
+    """Change of the depth when the femur turns about its reference point [m/rad]: -r·t, with t = (n_y, -n_x)"""
+    normal_x: float
+    """x of the unit normal n"""
+    normal_y: float
+    """y of the unit normal n"""
+
+    def point(self, x: float, height: float) -> tuple[float, float]:
+        """Return the contact point on the tibia [m], for the femoral reference point at (x, height) [m]."""
+        along, across = -self.turning, self.depth - self.extent
+        return (
+            x + along * self.normal_y + across * self.normal_x,
+            height - along * self.normal_x + across * self.normal_y,
+        )
+
+
+class Surfaces(NamedTuple):
+    """A contact pair in the form that the kernel takes, of the same types for every pair."""
+
+    kind: int
+    """`ON_PLANE`, `IN_CUP` or `ON_CURVE`"""
+    slope: float
+    """Slope of a plane tibia [rad]"""
+    sine: float
+    cosine: float
+    """Sine and cosine of that slope"""
+    femoral_radius: float
+    tibial_radius: float
+    """Radii of a circle and a cup [m], else 0"""
+    cells: Floats
+    begins: Integers
+    starts: Floats
+    cubics: Floats
+    """On a plane, as in `profiles.Table`; on a curved tibia, the table of `_starts`"""
+    kinks: Floats
+    """Flexion angles in [0, 2π) [rad], increasing, at which the depth's rate on a plane jumps"""
+    pieces: Floats
+    """The mechanism; see `Mechanism`"""
+    tibia: Floats
+    """Shape (n, 6): a curved tibia: start [m] and c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - start, as in
+    `Mechanism`, and the radius [m] of a ball that touches the piece from below and lies below all of the surface"""
+    non_convex: float
+    """1 if the contact may leap between bumps at angles that `next_kink` does not know, else 0"""
+    knot_spacing: float
+    """Mean turn [rad] between two points where the femur is not smooth; infinite if it is"""
+    largest_radius: float
+    """Upper bound of the distance [m] of the femur's points from its reference point"""
+    largest_slope: float
+    """Upper bound of the mechanism's |dx/dangle| [m/rad]"""
+    largest_bend: float
+    """Upper bound of the mechanism's |d²x/dangle²| [m/rad²]"""
+    concave: float
+    """Upper bound of the tibia's curvature [1/m], >= 0"""
+
+
+@inlined
+def touch(
+    surfaces: Surfaces, angle: float, angle_rate: float, height: float
+) -> tuple[float, float, float]:
+    """Return signed depth [m], its rate at a held height [m/s], and n_y, at an angle [rad], its rate and a height [m].
+
+    The rate of the depth is the second number minus n_y times the height's velocity. The force along the height is n_y
+    times the contact force.
+    """
+    x, x_slope = translation(surfaces.pieces, angle)
+    depth, _, turning, normal_x, normal_y = closest(surfaces, angle, x, height)
+    return depth, turning * angle_rate - normal_x * (x_slope * angle_rate), normal_y
+
+
+@inlined
+def closest(
+    surfaces: Surfaces, angle: float, x: float, height: float
+) -> tuple[float, float, float, float, float]:
+    """Return the fields of `Closest` for the reference point at (x, height) [m].
+
+    On a plane the depth is h - n·(x, height), where h is the femur's support at the angle minus the slope.
+    """
+    if surfaces.kind != ON_PLANE:
+        return common_normal(surfaces, angle, x, height)
+    sine, cosine, h, turning = surfaces.sine, surfaces.cosine, surfaces.femoral_radius, 0.0
+    if h == 0.0:
+        turned = angle - surfaces.slope
+        h, turning = support_at(
+            surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned
+        )
+    return h + x * sine - cosine * height, h, turning, -sine, cosine
+
+
+@in_kernel
+def common_normal(
+    surfaces: Surfaces, angle: float, x: float, height: float
+) -> tuple[float, float, float, float, float]:
+    """Return the fields of `Closest` on a curved tibia: the deepest of the contacts found from some starts.
+
+    From each start Newton's method finds a common normal. If it does not reach a smallest distance, or if its foot may
+    not be the nearest one to a point below the surface, a search by halving takes over.
+    """
+    if (
+        surfaces.kind == IN_CUP
+    ):  # the circle's deepest point is in the direction of its centre's nearest tibial point
+        radius, below = surfaces.tibial_radius, surfaces.tibial_radius - height
+        if CUP_COSINE * abs(x) >= CUP_SINE * below:
+            distance = CUP_COSINE * height - CUP_SINE * abs(x) + (1.0 - CUP_COSINE) * radius
+            normal_x, normal_y = -math.copysign(CUP_SINE, x), CUP_COSINE
+        else:
+            from_centre = math.sqrt(x * x + below * below)
+            distance = (height * (radius + below) - x * x) / (radius + from_centre)
+            normal_x, normal_y = -x / from_centre, below / from_centre
+        return surfaces.femoral_radius - distance, surfaces.femoral_radius, 0.0, normal_x, normal_y
+    turned = (
+        0.0 if surfaces.femoral_radius > 0.0 else angle
+    )  # a circle looks the same from everywhere
+    sine, cosine, cubics, tibia = (
+        math.sin(turned),
+        math.cos(turned),
+        surfaces.cubics,
+        surfaces.tibia,
+    )
+    heights = surfaces.cells
+    part, row, rows = (angle - FIRST_ANGLE) / COLUMN_WIDTH, 0, heights.shape[1] - 1
+    part += (max(part - NARROW_COLUMNS, 0.0) + min(part, 0.0)) * (1.0 / WIDE_FACTOR - 1.0)
+    column = max(min(int(part + WIDE_COLUMNS), len(heights) - 1), 0)
+    while row < rows - 1 and height < heights[column, row + 1]:
+        row += 1
+    inner = SHRUNK * surfaces.femoral_radius
+    shortest, last_step = (
+        (_MAX_BUMPY_STEP, _LAST_BUMPY_STEP)
+        if surfaces.non_convex > 0.0
+        else (_MAX_STEP, _LAST_STEP)
+    )
+    best, extent, turning, normal_x, normal_y = -math.inf, 0.0, 0.0, 0.0, 1.0
+    cell = column * rows + row
+    for k in range(int(surfaces.begins[cell]), int(surfaces.begins[cell + 1])):
+        i, u = int(surfaces.starts[k, 0]), float(surfaces.starts[k, 1])
+        j, place = int(surfaces.starts[k, 2]), float(surfaces.starts[k, 3])
+        steps, found, trusted, depth, norm = 0, False, False, 0.0, 1.0
+        while True:
+            px, py, px1, py1, px2, py2 = femoral_point(cubics, sine, cosine, i, u)
+            rise, slope, bend = tibial_point(tibia, j, place)
+            dx, dy, square = x + px - place, height + py - rise, 1.0 + slope * slope
+            if found or steps == _MAX_NEWTON_STEPS:
+                norm = math.sqrt(square)
+                depth = (slope * dx - dy) / norm
+                if trusted or (found and depth < tibia[j, 5]) or abs(height) > _MAX_HEIGHT:
+                    break
+                i, u = int(surfaces.starts[k, 0]), float(surfaces.starts[k, 1])
+                i, u, j, place = searched(cubics, tibia, sine, cosine, x, height, i, u)
+                found, trusted = True, True
+                continue
+            # Both P'·N and (P - Q)·T shall be 0, with N = (-slope, 1) and T = (1, slope).
+            aside, aside_u, room = dx + slope * dy, px1 + slope * py1, square - dy * bend
+            least = room > 0.0
+            room = room if least else square
+            along = bend * px1 / room
+            fall, curved = py1 - slope * px1 - along * aside, py2 - slope * px2 - along * aside_u
+            longest = shortest + abs(dy) * _MAX_STEP_PER_DISTANCE
+            step = (
+                -fall / curved if abs(fall) < longest * curved else -math.copysign(longest, fall)
+            )
+            i, u, beyond = carried_on(cubics, i, u + step)
+            step -= beyond
+            step_place = max(min((aside + aside_u * step) / room, longest), -longest)
+            place += step_place
+            j = piece_at(tibia, j, place)
+            steps += 1
+            found = (
+                abs(step) + abs(step_place) < last_step
+                and least
+                and (curved > 0.0 or beyond != 0.0)
+            )
+        if depth > best:
+            best, normal_x, normal_y = depth, -slope / norm, 1.0 / norm
+            extent, turning = -(px * normal_x + py * normal_y), normal_x * py - normal_y * px
+    return best + inner, extent + inner, turning, normal_x, normal_y
+
+
+@in_kernel
+def femoral_point(
+    cubics: Floats, sine: float, cosine: float, i: int, u: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return x, y [m] of a point of the turned femur about its reference point, and their derivatives by u."""
+    a1, a2, a3 = float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
+    b1, b2, b3 = float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
+    x, y = (
+        float(cubics[i, 2]) + u * (a1 + u * (a2 + u * a3)),
+        float(cubics[i, 6]) + u * (b1 + u * (b2 + u * b3)),
+    )
+    x1, y1 = a1 + u * (2.0 * a2 + u * 3.0 * a3), b1 + u * (2.0 * b2 + u * 3.0 * b3)
+    x2, y2 = 2.0 * a2 + 6.0 * u * a3, 2.0 * b2 + 6.0 * u * b3
+    return (
+        cosine * x - sine * y,
+        sine * x + cosine * y,
+        cosine * x1 - sine * y1,
+        sine * x1 + cosine * y1,
+        cosine * x2 - sine * y2,
+        sine * x2 + cosine * y2,
+    )
+
+
+@in_kernel
+def carried_on(cubics: Floats, i: int, u: float) -> tuple[int, float, float]:
+    """Return segment and parameter u [m] of a place that may be beyond segment i, and how far beyond the curve."""
+    while u < 0.0 and i > 0:
+        i -= 1
+        u += float(cubics[i, 0])
+    while u > cubics[i, 0] and i < len(cubics) - 1:
+        u -= float(cubics[i, 0])
+        i += 1
+    inside = max(min(u, float(cubics[i, 0])), 0.0)
+    return i, inside, u - inside
+
+
+@in_kernel
+def tibial_point(tibia: Floats, j: int, x: float) -> tuple[float, float, float]:
+    """Return height [m], slope and second derivative [1/m] of piece j of a curved tibia at x [m]."""
+    u, c1, c2, c3 = (
+        x - float(tibia[j, 0]),
+        float(tibia[j, 2]),
+        float(tibia[j, 3]),
+        float(tibia[j, 4]),
+    )
+    rise = float(tibia[j, 1]) + u * (c1 + u * (c2 + u * c3))
+    return rise, c1 + u * (2.0 * c2 + u * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * u
+
+
+@in_kernel
+def piece_at(tibia: Floats, j: int, x: float) -> int:
+    """Return the piece of a curved tibia at x [m], searched from a piece nearby."""
+    while j > 0 and x < tibia[j, 0]:
+        j -= 1
+    while j < len(tibia) - 1 and x >= tibia[j + 1, 0]:
+        j += 1
+    return j
+
+
+@in_kernel
+def searched(
+    cubics: Floats,
+    tibia: Floats,
+    sine: float,
+    cosine: float,
+    x: float,
+    height: float,
+    i: int,
+    u: float,
+) -> tuple[int, float, int, float]:
+    """Find a place of the femur that is deeper than its neighbours, with the nearest of all tibial points.
+
+    Where the depth is largest, there may be a nearest point on either side: then the depth has an edge there.
+
+    Returns segment and parameter u [m], tibial piece and x [m].
+    """
+    low, high, way, j, place, at, at_u = 0.0, 0.0, 0.0, 0, 0.0, i, u
+    for n in range(_MAX_HALVINGS):
+        outward = way == 0.0 or low == -math.inf or high == math.inf
+        middle = way if outward else 0.5 * (low + high)
+        at, at_u, beyond = carried_on(cubics, i, u + middle)
+        px, py, px1, py1, _, _ = femoral_point(cubics, sine, cosine, at, at_u)
+        j, place = nearest(tibia, x + px, height + py)
+        _, slope, _ = tibial_point(tibia, j, place)
+        falls = py1 - slope * px1 < 0.0  # the distance, along the curve
+        if n == 0:
+            low, high, way = (
+                (0.0, math.inf, _FIRST_OUTWARD_STEP)
+                if falls
+                else (-math.inf, 0.0, -_FIRST_OUTWARD_STEP)
+            )
+            continue
+        if falls:
+            low = middle
+        else:
+            high = middle
+        if outward:
+            if beyond != 0.0:
+                break
+            way *= 2.0
+        if high - low < _FINEST:
+            break
+    return at, at_u, j, place
+
+
+@in_kernel
+def nearest(tibia: Floats, x: float, y: float) -> tuple[int, float]:
+    """Return piece and x [m] of the point of a curved tibia that is nearest to (x, y) [m]."""
+    j = piece_at(tibia, 0, x)
+    rise, _, _ = tibial_point(tibia, j, x)
+    reach, count = abs(y - rise), len(tibia)
+    best, best_j, best_place = math.inf, j, x
+    for j in range(piece_at(tibia, 0, x - reach), piece_at(tibia, 0, x + reach) + 1):
+        low = max(float(tibia[j, 0]), x - reach) if j > 0 else x - reach
+        high = min(float(tibia[j + 1, 0]), x + reach) if j < count - 1 else x + reach
+        place = 0.5 * (low + high)
+        for _ in range(_MAX_NEWTON_STEPS):
+            rise, slope, bend = tibial_point(tibia, j, place)
+            aside, room = x - place + slope * (y - rise), 1.0 + slope * slope - (y - rise) * bend
+            goal = place + aside / room if room > 0.0 else math.copysign(math.inf, aside)
+            goal = max(min(goal, high), low)
+            step, place = goal - place, goal
+            if abs(step) < _FINEST:
+                break
+        rise, _, _ = tibial_point(tibia, j, place)
+        squared = (x - place) * (x - place) + (y - rise) * (y - rise)
+        if squared < best:
+            best, best_j, best_place = squared, j, place
+    return best_j, best_place
+
+
+@in_kernel
+def next_kink(surfaces: Surfaces, start: float, end: float) -> float:
+    """Return the first flexion angle [rad] strictly between two at which the depth's rate jumps at any height, or NaN.
+
+    There the lowest point of a profile on a plane leaps over a dent. `start` may also be the larger angle; the first
+    kink is the one nearest to it.
+    """
+    count, way = len(surfaces.kinks), 1 if start < end else -1
+    for turn in range(math.floor(start / math.tau), math.floor(end / math.tau) + way, way):
+        for i in range(count):
+            kink = float(surfaces.kinks[i if way > 0 else count - 1 - i]) + turn * math.tau
+            if (kink - start) * way > 0.0 and (end - kink) * way > 0.0:
+                return kink
+    return math.nan

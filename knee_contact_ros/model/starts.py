@@ -1,0 +1,178 @@
+"""Table of the places from which `closest` searches the common normal on a curved tibia."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from knee_contact_ros.model.mechanisms import Mechanism
+from knee_contact_ros.model.profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile
+from knee_contact_ros.model.types import Floats
+
+COLUMN_WIDTH = 0.0125
+"""Width [rad] of the table's columns of angles"""
+WIDE_FACTOR = 8.0
+"""Factor for the width of columns on both sides of the angles of gait"""
+WIDE_COLUMNS = 100
+"""Number of wide columns on each side"""
+NARROW_COLUMNS = 272
+"""Number of columns between them, from -34 to 160 degrees"""
+FIRST_ANGLE = -0.6
+"""Angle [rad] at which the narrow columns begin"""
+_BEYOND: Floats = WIDE_FACTOR * np.arange(WIDE_COLUMNS + 1, dtype=np.float64)
+COLUMN_EDGES: Floats = FIRST_ANGLE + COLUMN_WIDTH * np.concatenate(
+    [-_BEYOND[:0:-1], np.arange(NARROW_COLUMNS), _BEYOND + NARROW_COLUMNS]
+)
+"""Edges of the columns [rad]"""
+_DEPTHS: Floats = 1e-3 * np.array(
+    [-35, -22, -13, -7, -3.5, -1.5, -0.5, 0, 0.5, 1, 1.7, 2.5, 3.5, 10]
+)
+"""Depths [m] for which starts are tabulated: the levels of the table's corners"""
+_SLACK = 2e-5
+"""A place may be the deepest inside a cell if it is less deep by this at a corner [m], and"""
+_SLACK_PER_DISTANCE = 0.1
+"""by this per distance from the deepest place. Both tuned: tests/model/test_surfaces.py compares with brute force"""
+_SAME_START = 4e-4
+"""Distance [m] of two tibial places up to which they are one start"""
+_STEEPEST = 1.4
+"""Largest slope angle [rad] of a tibia that is searched for contacts"""
+_SPACING = 5e-5
+"""Distance [m] of the points of the tibia and of the envelopes"""
+_POINTS_PER_SEGMENT = 8
+"""Number of points in a segment of a femoral profile"""
+_FAR_BELOW = -1.0
+"""Height [m] of what must not be the highest"""
+
+
+def height_of(pieces: Floats, x: Floats, derivative: int = 0) -> Floats:
+    """Return the height [m], or slope, of a curved tibia at places x [m]."""
+    start, c0, c1, c2, c3 = pieces[np.searchsorted(pieces[1:, 0], x, side="right"), :5].T
+    u = x - start
+    return np.asarray(
+        c1 + u * (2.0 * c2 + u * 3.0 * c3) if derivative else c0 + u * (c1 + u * (c2 + u * c3))
+    )
+
+
+def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> KernelTable:
+    """Tabulate where a search for the common normal starts, by brute force over angles, depths and femoral points.
+
+    The femur has a gap g where it touches the upper envelope of balls of radius g about the tibia's points, and a depth
+    d where it touches the lower envelope. A corner of the table has an angle and a depth. There, the femoral points
+    that may be deepest are those with the smallest vertical clearance above the envelope, each with all tibial points
+    that may be nearest.
+    """
+    turns, cubics = isinstance(femur, Profile), femur.cubics
+    parts, inner = (
+        (1, SHRUNK * femur.radius) if isinstance(femur, Circle) else (_POINTS_PER_SEGMENT, 0.0)
+    )
+    segments, part = np.divmod(np.arange(parts * len(cubics) + 1), parts)
+    segments[-1], part[-1] = len(cubics) - 1, parts
+    length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[segments].T
+    u = length * part / parts
+    px, py = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+    angles = COLUMN_EDGES
+    sine, cosine = (np.sin(angles)[:, None], np.cos(angles)[:, None]) if turns else (0.0, 1.0)
+    x = (
+        np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])[:, None]
+        + cosine * px
+        - sine * py
+    )
+    y = sine * px + cosine * py + np.zeros_like(x)
+    place = np.arange(x.min(), x.max() + _SPACING, _SPACING)
+    found, heights = [], np.empty((len(angles), len(_DEPTHS)))
+    for level, depth in enumerate((_DEPTHS - inner).tolist()):
+        # Balls whose feet are on the tibia, and which touch the femur at `place`: their highest or lowest tops
+        sign, reach = (
+            -1.0 if depth > 0.0 else 1.0,
+            math.ceil(abs(depth) * math.sin(_STEEPEST) / _SPACING) + 1,
+        )
+        offset = _SPACING * np.arange(-reach, reach + 1)
+        ball = np.where(
+            abs(offset) <= abs(depth),
+            np.sqrt(np.maximum(depth * depth - offset**2, 0.0)),
+            _FAR_BELOW,
+        )
+        rise = height_of(tibia, place[0] + _SPACING * np.arange(-reach, len(place) + reach))
+        tops = sliding_window_view(sign * rise, len(offset)) + ball
+        best = np.clip(tops.argmax(axis=1), 1, 2 * reach - 1)
+        before, at, behind = (tops[np.arange(len(place)), best + k] for k in (-1, 0, 1))
+        bend = np.maximum(2.0 * at - before - behind, 1e-12)
+        envelope = sign * (at + (behind - before) ** 2 / (8.0 * bend))  # a parabola's
+        clear = y - np.interp(x, place, envelope)
+        lowest = clear.argmin(axis=1)
+        least = clear[np.arange(len(angles)), lowest]
+        heights[:, level] = -least
+        edge = np.full((len(angles), 1), math.inf)
+        dips = (clear <= np.hstack([edge, clear[:, :-1]])) & (
+            clear < np.hstack([clear[:, 1:], edge])
+        )
+        columns, points = np.nonzero(dips)
+        deepest = lowest[columns]
+        touched, other = (
+            ((x[columns, one] - place[0]) / _SPACING + 0.5).astype(int)
+            for one in (points, deepest)
+        )
+        away = np.hypot(px[points] - px[deepest], py[points] - py[deepest])
+        higher, shift = (
+            clear[columns, points] - least[columns],
+            place[touched] - place[other] - offset[best[other]],
+        )
+        kept = higher <= _SLACK_PER_DISTANCE * (away + abs(shift + offset[best[touched]])) + _SLACK
+        columns, points, touched, away, higher, shift = (
+            one[kept] for one in (columns, points, touched, away, higher, shift)
+        )
+        which, foot = np.arange(len(points)), best[touched]
+        if (
+            depth < 0.0
+        ):  # apart, other tops of the tibia may become the nearest ones to the same femoral point
+            near = tops[touched]
+            which, foot = np.nonzero(
+                (near[:, 1:-1] > near[:, :-2]) & (near[:, 1:-1] >= near[:, 2:])
+            )
+            foot += 1
+        lower = at[touched[which]] - tops[touched[which], foot]
+        kept = (
+            higher[which] + lower
+            <= _SLACK_PER_DISTANCE * (away[which] + abs(shift[which] + offset[foot])) + _SLACK
+        )
+        which, foot = which[kept], foot[kept]
+        feet = place[touched[which]] + offset[foot]
+        found.append(np.stack([columns[which], np.full(len(which), level), points[which], feet]))
+    return _cells(np.concatenate(found, axis=1), heights, cubics, tibia, parts)
+
+
+def _cells(
+    corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, parts: int
+) -> KernelTable:
+    """Assign each cell of the table the starts of its four corners: column, level, femoral point and tibial x [m]."""
+    rows, (columns, levels, points, places) = len(_DEPTHS) - 1, corners
+    middle = 0.5 * (heights[1:] + heights[:-1])
+    around = [(columns - i, levels - j, points, places) for i in (0, 1) for j in (0, 1)]
+    columns, levels, points, places = np.concatenate(np.array(around), axis=1)
+    inside = (columns >= 0) & (columns < len(heights) - 1) & (levels >= 0) & (levels < rows)
+    cells, points, places = (
+        (columns * rows + levels)[inside].astype(np.int64),
+        points[inside],
+        places[inside],
+    )
+    order = np.lexsort((places, points, cells))
+    cells, points, places = cells[order], points[order], places[order]
+    crowded = (
+        np.bincount(cells)[cells] > 4
+    )  # else there is one place, which moves from corner to corner
+    apart = np.abs(np.diff(places, prepend=-9.0)) > np.where(
+        crowded, _SAME_START, 4.0 * _SAME_START
+    )
+    apart |= crowded & (np.diff(points, prepend=-9.0) > 1.0)
+    new = np.flatnonzero((np.diff(cells, prepend=-1) != 0) | apart)
+    number = np.diff(new, append=len(cells))
+    points, places = np.add.reduceat(points, new) / number, np.add.reduceat(places, new) / number
+    segments = np.minimum(points // parts, len(cubics) - 1)
+    u = (points / parts - segments) * cubics[segments.astype(np.int64), 0]
+    pieces = np.searchsorted(tibia[1:, 0], places, side="right")
+    begins = np.searchsorted(cells[new], np.arange(len(middle) * rows + 1)).astype(np.int64)
+    return KernelTable(
+        middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0, :0]
+    )
