@@ -23,6 +23,7 @@ from knee_contact_ros.commands.options import (
     overwrite_option,
     parameter_options,
     path_option,
+    to_metres,
 )
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import require
@@ -222,6 +223,7 @@ def align(**options: Any) -> None:
     2.0,
     0.05,
     "Largest RMS distance [mm] that smoothing may add to the roughness of the mesh.",
+    callback=to_metres,
 )
 @number_option(
     "--slab",
@@ -229,15 +231,14 @@ def align(**options: Any) -> None:
     10.0,
     2.0,
     "Half width [mm] of the slab around the slice whose points are used, to average noise.",
+    callback=to_metres,
 )
 @click.option("--label", type=int, metavar="N", help="Label of the cartilage in a label map.")
 @click.option(
     "--bone-label", type=int, metavar="N", help="Label of the bone in a label map given as --bone."
 )
 @overwrite_option("Replace OUT.csv, OUT.png and OUT.yaml if they exist.")
-def fit_profile(
-    mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any
-) -> None:
+def fit_profile(mesh: Path, side: str, compartment: str, **others: Any) -> None:
     """Make a profile from a mesh of cartilage.
 
     It cuts MESH, smooths the articular side of the slice, and writes the profile for femur.profile or tibia.profile, a
@@ -247,10 +248,8 @@ def fit_profile(
     from knee_contact_ros.lab.profiles import LABEL, run_fit_profile
     from knee_contact_ros.system.terminal import say
 
-    femur, medial = side == "femur", compartment == "medial"
-    for line in run_fit_profile(
-        mesh, femur=femur, medial=medial, tolerance=1e-3 * tolerance, slab=1e-3 * slab, **others
-    ):
+    lines = run_fit_profile(mesh, femur=side == "femur", medial=compartment == "medial", **others)
+    for line in lines:
         say(line, hang=LABEL)
 
 

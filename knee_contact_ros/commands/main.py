@@ -16,8 +16,7 @@ from knee_contact_ros.commands import lab, live, offline
 from knee_contact_ros.system.errors import IncompleteError, UsageError, printable
 
 INTERRUPTED = 130
-LAST_STANDARD_STREAM = 2
-
+"""Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT"""
 
 GROUPS = {
     "See it": (live.demo, offline.view, lab.report, offline.table),
@@ -83,15 +82,15 @@ def main(arguments: list[str] | None = None) -> int:
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "knee-contact"
         return fail(f"{error.format_message().rstrip('.')}; see {command} --help")
+    except BrokenPipeError:
+        # The reader of our output has gone. What is still in the buffer is dropped, and not complained of at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except OSError as error:
-        if isinstance(error, BrokenPipeError):  # the reader of our output has gone
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 1
         return fail(f"{error.filename or 'writing'}: {error.strerror or error}", code=1)
     except (click.Abort, KeyboardInterrupt) as error:
-        if isinstance(
-            error.__context__, EOFError
-        ):  # to click, no more input is an abort; no command asks for any
+        # Click takes an EOFError for an abort, as at a prompt. No command asks anything: here it is a mistake of ours.
+        if isinstance(error.__context__, EOFError):
             raise error.__context__ from None
         click.echo("knee-contact: interrupted", err=True)
         return INTERRUPTED
@@ -99,10 +98,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def open_standard_streams() -> None:
-    """Open the null device for standard streams that are closed: libraries need them, and no other file may be one."""
-    while (number := os.open(os.devnull, os.O_RDWR)) <= LAST_STANDARD_STREAM:
-        pass
-    os.close(number)
+    """Open the null device for standard streams that are closed.
+
+    Otherwise the next opened file would get descriptor 0, 1 or 2, and be read or written by mistake.
+    """
+    descriptor = os.open(os.devnull, os.O_RDWR)
+    while descriptor <= 2:
+        descriptor = os.open(os.devnull, os.O_RDWR)
+    os.close(descriptor)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
@@ -115,8 +118,4 @@ def fail(text: str, code: int = 2) -> int:
 
 
 if __name__ == "__main__":
-    code = main()
-    # Under `python -m`, CPython ends by SIGINT, whatever the code, if a KeyboardInterrupt left the last text given to
-    # exec (a data class being made, say): this text is the last, and nothing interrupts it.
-    exec("")  # noqa: S102
-    raise SystemExit(code)
+    raise SystemExit(main())

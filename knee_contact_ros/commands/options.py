@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from knee_contact_ros.bags.reader import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
-Number = float | None
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -128,17 +127,26 @@ class FiniteRange(click.FloatRange):
 def number_option(
     name: str,
     low: float,
-    high: Number,
-    default: Number,
+    high: float | None,
+    default: float | None,
     text: str,
     metavar: str | None = None,
-    **ends: bool,
+    *,
+    min_open: bool = False,
+    max_open: bool = False,
+    **more: Any,
 ) -> Callable[[Function], Function]:
-    """Make an option with a number from `low` to `high`, an integer if these are; `ends` are Click's for open ones."""
-    kind = (click.IntRange if isinstance(low, int) else FiniteRange)(low, high, **ends)  # type: ignore[arg-type]
+    """Make an option with a number from `low` to `high`, an integer if `low` is; `more` are Click's arguments."""
+    kind: Any = click.IntRange if isinstance(low, int) else FiniteRange
+    allowed = kind(low, high, min_open=min_open, max_open=max_open)
     return click.option(
-        name, type=kind, default=default, show_default=True, metavar=metavar, help=text
+        name, type=allowed, default=default, show_default=True, metavar=metavar, help=text, **more
     )
+
+
+def to_metres(_context: click.Context, _option: click.Parameter, millimetres: float) -> float:
+    """Convert the number of an option; it is Click's `callback`."""
+    return 1e-3 * millimetres
 
 
 class ParameterOptions(NamedTuple):

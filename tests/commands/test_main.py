@@ -46,23 +46,6 @@ def test_a_file_that_ends_too_early_is_no_interruption(failing: list[BaseExcepti
         main(["fail"])
 
 
-def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) -> None:
-    """When a KeyboardInterrupt leaves a text given to exec, CPython remembers, and kills a module that runs by -m."""
-    (tmp_path / "sitecustomize.py").write_text(
-        "import click\nclick.Group.main = lambda *_, **__: exec('raise KeyboardInterrupt')\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-m", "knee_contact_ros.commands.main"],
-        env=os.environ | {"PYTHONPATH": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == INTERRUPTED
-    assert done.stderr.strip() == "knee-contact: interrupted"
-
-
 STARTS = [["node"], ["demo", "--output", "new"], ["replay", "gait2354_right"]]
 """What starts ROS"""
 
@@ -162,96 +145,6 @@ def test_help_loads_nothing_heavy() -> None:
         ).stdout
         == "set()\n"
     )
-
-
-MISSING = "there is no folder typo; make it first\n"
-REFUSED: list[tuple[list[str], str]] = [
-    (["solve", "{bag}", "--output", "typo/out.mcap"], MISSING),
-    (["estimate-load", "{bag}", "--output", "typo/out.mcap"], MISSING),
-    (["recover", "{file}", "typo/out.mcap"], MISSING),
-    (["view", "{bag}", "--save", "typo/out.rrd"], MISSING),
-    (["report", "{bag}", "--output", "typo/report"], MISSING),
-    (["demo", "--output", "typo/demo"], MISSING),
-    (["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"], MISSING),
-    (
-        ["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"],
-        MISSING,
-    ),
-    (["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"], MISSING),
-    (["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"], MISSING),
-    (
-        [
-            "import-opensim",
-            "--side",
-            "right",
-            "--kinematics",
-            "q",
-            "--reactions",
-            "r",
-            "--output",
-            "typo/bag",
-        ],
-        MISSING,
-    ),
-    (["trade", "{bag}", "--picture", "typo/trade.png"], MISSING),
-    (
-        ["solve", "{bag}", "--output", "out.csv"],
-        "--output out.csv: its name must end with .mcap\n",
-    ),
-    (
-        ["estimate-load", "{bag}", "--output", "out.db3"],
-        "--output out.db3: its name must end with .mcap\n",
-    ),
-    (["recover", "{file}", "out"], "output out: its name must end with .mcap\n"),
-    (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd\n"),
-    (["trade", "{bag}", "--picture", "x.pdf"], "--picture x.pdf: its name must end with .png\n"),
-    (
-        ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
-        "--output x.yaml: its name must end with .csv\n",
-    ),
-    (["demo", "--bag", "nowhere"], "no bag at nowhere"),
-    (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
-    (["demo", "--rate", "0"], "0.01<=x<=100"),
-    (
-        ["fit-profile", "{file}", "--slice", "0", "--output", "x.csv", "--slab", "nan"],
-        "Invalid value for '--slab': nan is not a finite number",
-    ),
-    (
-        ["trade", "{bag}", "--worth", "inf"],
-        "Invalid value for '--worth': inf is not a finite number",
-    ),
-    (["demo", "--from-sensors", "--bag", "{bag}"], "has no topic /ground_reaction_force"),
-    (
-        ["demo", "--from-sensors", "--params", "load/gait2354"],
-        "no parameters for node knee_contact",
-    ),
-    (["demo", "--load-params", "load/insole"], "--load-params is for --from-sensors"),
-    (["replay", "nowhere"], "no bag at nowhere"),
-    (["solve", "nowhere", "--output", "x.mcap"], "no bag at nowhere"),
-    (["solve", "nowhere"], "Missing option '--output'"),
-    (["replay"], "Missing argument 'BAG'"),
-    (["fit-share"], "No such command 'fit-share'"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "says"), REFUSED)
-def test_bad_input_is_told_in_one_line_and_nothing_is_written(
-    arguments: list[str],
-    says: str,
-    right_bag: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    file = right_bag / "gait2354_right_0.mcap"
-    assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
-    printed, said = capfd.readouterr()
-    assert printed == ""
-    assert said.startswith("knee-contact: ")
-    assert said.count("\n") == 1
-    assert says in said
-    assert not list(tmp_path.iterdir())
 
 
 def test_solve_leaves_a_file_and_nothing_beside(

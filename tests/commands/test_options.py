@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import subprocess
 import sys
@@ -105,42 +104,6 @@ def test_the_clocks_rate_may_be_left_out(
     assert (taken["clock"], taken["bag"]) == (clock, Path(bag))
 
 
-COMMANDS = {
-    "solve": ["solve", "{}", "--output", "o.mcap"],
-    "solve --params": ["solve", "--params", "{}", "--output", "o.mcap"],
-    "solve --subject": ["solve", "--subject", "{}", "--output", "o.mcap"],
-    "view": ["view", "{}", "--save", "o.rrd"],
-    "estimate-load": ["estimate-load", "{}", "--output", "o.mcap"],
-    "recover": ["recover", "{}", "o.mcap"],
-    "replay": ["replay", "{}"],
-    "demo": ["demo", "--bag", "{}"],
-    "report": ["report", "{}", "--output", "o"],
-    "report --compare": ["report", "--compare", "{}", "--output", "o"],
-    "sweep": ["sweep", "{}", "--output", "o"],
-    "trade": ["trade", "{}", "--output", "o"],
-    "fit-profile": ["fit-profile", "{}", "--output", "o.csv"],
-    "calibrate": ["calibrate", "{}", "--output", "o.yaml"],
-}
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-@pytest.mark.parametrize("kind", ["loop", "pipe", "device", "folder"])
-def test_what_is_no_file_is_refused_in_one_line_and_not_waited_for(
-    name: str,
-    kind: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("loop").symlink_to("loop")
-    Path("folder").mkdir()
-    os.mkfifo("pipe")
-    path = "/dev/zero" if kind == "device" else kind
-    assert main([word.format(path) for word in COMMANDS[name]]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
 Said = pytest.CaptureFixture[str]
 
 
@@ -156,26 +119,6 @@ def estimated(walking: Path) -> Path:
     output = walking.with_name("load.mcap")
     estimate_load(walking, load_parameters(WHOLE_LEG, LoadParameters), output)
     return output
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        "align a.csv --map own.yaml --output own.yaml --overwrite",
-        "calibrate a.csv --params own.yaml --free load.share --output own.yaml --overwrite",
-        "table own.csv --output own.csv",
-        "trade own.png --picture own.png",
-    ],
-)
-def test_an_input_is_never_replaced(
-    arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    own = Path(arguments.split()[-1 - arguments.endswith("--overwrite")])
-    own.write_text("precious")
-    assert main(arguments.split()) == 2
-    assert f"{own} is the input, which is never changed" in capsys.readouterr().err
-    assert own.read_text() == "precious"
 
 
 @pytest.mark.parametrize("asks", [["load", "-h"], ["estimate-load", "--help"]])
@@ -263,59 +206,6 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
     assert "parameters changed 1 times in it; those of its beginning are used" in " ".join(
         capsys.readouterr().err.split()
     )
-
-
-MISTAKEN = [
-    (
-        "solve -p knee.joint_name:=hip",
-        r"has no joint 'hip'; it has knee \(parameter knee\.joint_name\)",
-    ),
-    ("solve -p load.share=1", "-p 'load.share=1': it must be NAME:=VALUE"),
-    ("solve --namespace left", "has no topic /left/joint_states"),
-    ("solve --remap angles:=/exo", "FROM must be joint_states or joint_reaction_force"),
-    (
-        "estimate-load --params healthy",
-        r"healthy\.yaml: no parameters for node knee_load; found /\*\*/knee_contact",
-    ),
-    ("estimate-load --params inverse_dynamic", r"did you mean load/inverse_dynamics\?"),
-    (
-        "estimate-load -p knee.joint_nam:=x",
-        r"unknown parameter knee\.joint_nam; did you mean knee\.joint_name\?",
-    ),
-    ("estimate-load -p level:=5", "parameter level: 5 is not allowed"),
-    (
-        "estimate-load --remap joint_reaction_force:=/x",
-        "FROM must be joint_states or ground_reaction_force",
-    ),
-]
-
-
-@pytest.mark.parametrize(("words", "told"), MISTAKEN)
-def test_bad_parameters_and_rules_are_told_in_one_line(
-    words: str, told: str, right_bag: Path, walking: Path, tmp_path: Path, capsys: Said
-) -> None:
-    command, *more = words.split()
-    bag = right_bag if command == "solve" else walking
-    assert main([command, str(bag), *more, "--output", str(tmp_path / "out.mcap")]) == 2
-    said = capsys.readouterr()
-    assert re.search(told, said.err), said.err
-    assert (said.out, len(said.err.splitlines())) == ("", 1)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("asks", ["solve", "replay", "estimate-load", "replay --sensors"])
-def test_what_is_not_an_input_is_not_taken_for_one(
-    walking: Path, right_bag: Path, tmp_path: Path, capsys: Said, asks: str
-) -> None:
-    sensed = asks in ("solve", "replay")
-    missing, there = ("joint_reaction_force", "ground_reaction_force")[:: 1 if sensed else -1]
-    words = rf"no topic /{missing} .*; its topics: /{there}, .*; --remap {missing}:=TOPIC or --namespace NAME reads ano"
-    output = [] if "replay" in asks else ["--output", str(tmp_path / "out.mcap")]
-    assert main([*asks.split(), str(walking if sensed else right_bag), *output]) == 2
-    said = capsys.readouterr().err
-    assert re.search(words, said)
-    assert len(said.splitlines()) == 1
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(not HAS_REPORT, reason="needs the extra report")

@@ -11,22 +11,27 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.commands.main import main
+from knee_contact_ros.commands.main import knee_contact, main
 from tests.helpers.needs import HAS_REPORT, HAS_VIEWER, needs_viewer
 from tests.hostile.cases import BAGS, GAIT
 
 COMMANDS = {
-    "solve": ["solve", "{bag}", "--output", "{output}/out.mcap"],
-    "report": ["report", "{bag}", "--output", "{output}/report"],
-    "view": ["view", "{bag}", "--save", "{output}/out.rrd"],
-    "recover": ["recover", "{bag}", "{output}/out.mcap"],
-    "estimate-load": [
-        "estimate-load",
-        "{bag}",
-        "--output",
-        "{output}/out.mcap",
-        "--remap=ground_reaction_force:=/joint_reaction_force",
-    ],
+    "solve": "{bag} --output {output}/out.mcap",
+    "report": "{bag} --output {output}/report",
+    "view": "{bag} --save {output}/out.rrd",
+    "recover": "{bag} {output}/out.mcap",
+    "estimate-load": "{bag} --output {output}/out.mcap "
+    "--remap=ground_reaction_force:=/joint_reaction_force",
+    "table": "{bag} --output {output}/out.csv",
+    "trade": "{bag} --picture {output}/out.png",
+    "calibrate": "{bag} --free person.tone --output {output}/out.yaml",
+    "replay": "{bag} --wait 0",
+    "demo": "--bag {bag} --output {output}/out",
+}
+"""Arguments with which a command reads a bag"""
+READ_NO_BAG = {
+    *("node", "load", "warm", "import-opensim", "import-csv", "align", "fit-profile"),
+    *("sweep", "sensitivity"),
 }
 OTHERWISE = [
     ("a chunk that hides ten gigabytes", "recover"),
@@ -38,6 +43,11 @@ OTHERWISE = [
     ("metadata that is a pipe", "report"),
     ("escape codes in topics", "estimate-load"),
     ("messages that are none", "estimate-load"),
+    ("escape codes in topics", "table"),
+    ("messages that are none", "trade"),
+    ("messages that are none", "calibrate"),
+    ("a chunk that hides ten gigabytes", "replay"),
+    ("a chunk that hides ten gigabytes", "demo"),
 ]
 """Where other commands have ways of their own"""
 SEEN = [
@@ -76,7 +86,7 @@ def limited(arguments: list[str], log: Path) -> None:
 def run(command: str, bag: Path, output: Path) -> tuple[int | None, str]:
     """Exit code (negative: of a signal) of a command, and what it said."""
     log = output.with_name("log")
-    arguments = [word.format(bag=bag, output=output) for word in COMMANDS[command]]
+    arguments = [command, *COMMANDS[command].format(bag=bag, output=output).split()]
     process = PROCESSES.Process(target=limited, args=(arguments, log))
     process.start()
     process.join()
@@ -105,12 +115,16 @@ def test_bags(name: str, command: str, tmp_path: Path) -> None:
     assert code == 0 or said.splitlines()[-1].startswith("knee-contact: ")
     assert said.replace("\n", "").isprintable()
     assert files(theirs) == before
-    assert {path.name for path in output.iterdir()} <= {
-        "out.mcap",
-        "out.rrd",
-        "report",
-        "metadata.yaml",
-    }
+    made = {path.name for path in output.iterdir()}
+    assert made <= {"out.mcap", "out.rrd", "out.csv", "out.png", "out.yaml", "report"}
+
+
+def test_every_command_that_reads_bags_is_given_bad_ones() -> None:
+    others = knee_contact.commands.keys() - READ_NO_BAG
+    assert others == COMMANDS.keys(), (
+        f"add arguments to COMMANDS and cases to OTHERWISE in {__file__}, or to READ_NO_BAG"
+    )
+    assert COMMANDS.keys() == {"solve", "view", *(command for _, command in OTHERWISE)}
 
 
 def test_a_good_bag_passes_the_same_way(tmp_path: Path) -> None:

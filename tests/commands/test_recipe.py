@@ -1,0 +1,93 @@
+"""The recipe "A new command" of CONTRIBUTING: a step that is left out turns a test red that names it.
+
+Its test of bad input is asked for in `test_bad_input.py`, its damaged bags in `tests/hostile/test_commands.py`.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+from knee_contact_ros.commands.main import knee_contact
+from tests import ROOT
+
+CHANGELOG = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
+OLD_OPTIONS = Path(__file__).with_name("options_of_1.0.0.txt")
+"""Options from before this rule that the changelog does not name: a line for each command"""
+COMMANDS = ROOT / "knee_contact_ros" / "commands"
+WITH_WORK = {"demo", "player", "replay", "tables", "view"}
+"""Modules of `commands/` that do more than declare commands: they drive ROS and viewers, and print"""
+MAX_STATEMENTS = 30
+NUMERIC = ("numpy", "scipy", "pandas", "polars", "xarray")
+REDUCTIONS = {"max", "min", "mean", "sum", "argmax", "argmin", "std"}
+
+
+@pytest.mark.parametrize("name", knee_contact.commands)
+def test_the_changelog_names_the_command_and_its_options(name: str) -> None:
+    assert re.search(rf"``(knee-contact )?{name}\b", CHANGELOG), (
+        f"no line of CHANGELOG.rst names the command ``{name}``"
+    )
+    old = dict(line.split(" ", 1) for line in OLD_OPTIONS.read_text().splitlines())
+    options = {
+        option
+        for parameter in knee_contact.commands[name].params
+        if isinstance(parameter, click.Option)
+        for option in parameter.opts
+        if option.startswith("--") and not re.search(rf"{option}(?![\w-])", CHANGELOG)
+    }
+    unnamed = options - set(old.get(name, "").split())
+    assert not unnamed, f"no line of CHANGELOG.rst names {unnamed} of the command {name}"
+
+
+def work_in(function: ast.FunctionDef) -> list[str]:
+    """Return what in a command is work, and not a call of another room: arithmetic, fields of answers, libraries."""
+    nodes = [node for statement in function.body for node in ast.walk(statement)]
+    found = []
+    for node in nodes:
+        match node:
+            case ast.BinOp(op=op) if not isinstance(op, ast.BitOr):
+                found.append(node)
+            case ast.Subscript(slice=ast.Constant(value=str()), ctx=ast.Load()):
+                found.append(node)
+            case ast.Call(func=ast.Name(id=name)) if name in ("max", "min"):
+                found.append(node)
+            case ast.Call(func=ast.Attribute(attr=name)) if name in REDUCTIONS:
+                found.append(node)
+            case ast.Import(names=[ast.alias(name=module)]) | ast.ImportFrom(module=str(module)):
+                if module.startswith(NUMERIC):
+                    found.append(node)
+    size = sum(isinstance(node, ast.stmt) for node in nodes)
+    too_long = [f"{size} statements, more than {MAX_STATEMENTS}"] if size > MAX_STATEMENTS else []
+    return [f"line {node.lineno}: {ast.unparse(node)}" for node in found] + too_long
+
+
+def functions_with(path: Path, decorator: str) -> list[ast.FunctionDef]:
+    """Return the functions of a module with this decorator."""
+    return [
+        node
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+        and any(decorator in ast.unparse(each) for each in node.decorator_list)
+    ]
+
+
+@pytest.mark.parametrize("path", [*COMMANDS.glob("*.py")], ids=lambda path: path.stem)
+def test_a_command_does_no_work_itself(path: Path) -> None:
+    """It reads its options, calls another room, and says what that has returned."""
+    for function in functions_with(path, "click.command"):
+        assert path.stem not in WITH_WORK, f"declare {function.name} in live, offline or lab"
+        work = work_in(function)
+        assert not work, (
+            f"{path.name}: the command {function.name} does work, which belongs into another room "
+            f"(CONTRIBUTING.md, A new command): {work}"
+        )
+
+
+def test_modules_with_work_are_known() -> None:
+    others = {path.stem for path in COMMANDS.glob("*.py")} - WITH_WORK
+    new = others - {"__init__", "main", "options", "live", "offline", "lab"}
+    assert not new, f"commands/{new}: what a command does lies in another room (CONTRIBUTING.md)"

@@ -1,0 +1,10 @@
+"""`knee-contact` as it is typed."""
+
+from __future__ import annotations
+
+from knee_contact_ros.commands.main import main
+
+
+def run(words: str) -> int:
+    """Run a command, whose words are separated by blanks; return its exit code."""
+    return main(words.split())
