@@ -122,7 +122,7 @@ def test_bags(name: str, command: str, tmp_path: Path) -> None:
 def test_every_command_that_reads_bags_is_given_bad_ones() -> None:
     others = knee_contact.commands.keys() - READ_NO_BAG
     assert others == COMMANDS.keys(), (
-        f"add arguments to COMMANDS and cases to OTHERWISE in {__file__}, or to READ_NO_BAG"
+        f"{others ^ COMMANDS.keys()}: add arguments to COMMANDS and cases to OTHERWISE in {__file__}, or to READ_NO_BAG"
     )
     assert COMMANDS.keys() == {"solve", "view", *(command for _, command in OTHERWISE)}
 
