@@ -6,6 +6,7 @@ python -m studies.accuracy [--output FILE]
 from __future__ import annotations
 
 import math
+from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,7 @@ from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Status
 from studies.ellipse import Ellipse, SmoothFemur
+from studies.reference import LAWS
 
 TOLERANCES = (1e-6, 1e-8, 1e-10)
 K1, K2, EXPONENT, DAMPING, LAYER, MASS = 7.905694e7, 3.112e9, 1.5, 5000.0, 5e-4, 9.3014
@@ -43,6 +45,10 @@ TEXT = (
     "relative tolerance of 1e-12, split at every event (`benchmarks/reference.py`). The estimate's share "
     "is of all ticks, its median ratio of those with an error above 1e-12 m."
 )
+IMPACT_DAMPED = [
+    name for name, make in CONTACT_LAWS.items() if "restitution" in signature(make).parameters
+]
+"""Names of the laws whose damping follows from a coefficient of restitution"""
 Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Time [s], flexion angle [rad] and load [N], shape (n,) each"""
 
@@ -91,13 +97,8 @@ def studies() -> list[Study]:
     kelvin_voigt = CONTACT_LAWS["kelvin_voigt"](**spring, damping=DAMPING)
     right, left = gait("right"), gait("left")
     ours = CONTACT_LAWS["two_layer_viscoelastic"]
-    impacts = {
-        "hunt_crossley": 1.5 * 0.5,
-        "lankarani_nikravesh": 0.75 * 0.75,
-        "flores": 1.6,
-        "gonthier": 1.5,
-    }
     theirs = reference.kelvin_voigt(K1, EXPONENT, DAMPING)
+    impact = spring | {"restitution": 0.5, "least_impact_speed": 0.1}
     return [
         Study("gait, right", right, kelvin_voigt, theirs),
         Study("gait, left", left, kelvin_voigt, theirs),
@@ -159,10 +160,10 @@ def studies() -> list[Study]:
             Study(
                 f"lift-off and landing, {name}",
                 lift_off(),
-                CONTACT_LAWS[name](**spring, restitution=0.5, least_impact_speed=0.1),
-                reference.impact_damped(K1, EXPONENT, loss, 0.1),
+                CONTACT_LAWS[name](**impact),
+                reference.impact_damped(K1, EXPONENT, LAWS[name](**impact).loss, 0.1),
             )
-            for name, loss in impacts.items()
+            for name in IMPACT_DAMPED
         ),
         Study(
             "stiff: K 1e10, C 1e6, 0.1 kg",

@@ -25,6 +25,7 @@ from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.types import Fidelity, Status
 from studies import stability_scenes
+from studies.reference import LAWS
 from studies.stability_scenes import BUDGET, HALF_AXES, Scene, law_of, run
 
 FINER = 300.0
@@ -298,13 +299,7 @@ def layers_of(scene: Scene) -> reference.Layers:
         )
     if "restitution" not in constants:
         return reference.kelvin_voigt(*spring, damping)
-    e = constants["restitution"]
-    loss = {
-        "hunt_crossley": 1.5 * (1.0 - e),
-        "lankarani_nikravesh": 0.75 * (1.0 - e * e),
-        "flores": 1.6 * (1.0 - e) / e,
-        "gonthier": (1.0 - e * e) / e,
-    }[scene.law]
+    loss = LAWS[scene.law](**constants).loss
     return reference.impact_damped(*spring, loss, constants["least_impact_speed"])
 
 

@@ -7,7 +7,6 @@ m δ̈ = -K δⁿ (1 + D w) integrates once: w/D - ln(1 + D w)/D² falls by K δ
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +14,10 @@ import pytest
 from scipy.optimize import brentq
 
 from knee_contact_ros.model import solver
-from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.types import Contact, Status
-from tests.helpers.scenes import STIFFNESS, law, model
+from studies.reference import LAWS
+from tests.helpers.scenes import LAW_ARGUMENTS, STIFFNESS, law, model
 from tests.model.scenes import LAWS_ON_PAIRS, PAIRS, fast, signed, thrown
 
 SPEED = 0.3
@@ -117,12 +117,14 @@ def test_a_state_on_the_boundary_goes_where_it_moves() -> None:
     assert signed(thrown(knee, 0.0, SPEED, 1e-4)) > 0.0
 
 
-LOSSES: dict[str, Callable[[float], float]] = {
-    "hunt_crossley": lambda e: 1.5 * (1.0 - e),
-    "lankarani_nikravesh": lambda e: 0.75 * (1.0 - e**2),
-    "flores": lambda e: 8.0 * (1.0 - e) / (5.0 * e),
-    "gonthier": lambda e: (1.0 - e**2) / e,
-}
+IMPACT_DAMPED = [name for name in CONTACT_LAWS if law(name).remembers_impact]
+
+
+def loss_of(name: str, restitution: float) -> float:
+    """D of a law at a coefficient of restitution, from its source; test_laws.py names a law that is missing there."""
+    return LAWS[name](**(LAW_ARGUMENTS[name] | {"restitution": restitution})).loss
+
+
 GAP = 1e-6
 
 
@@ -167,18 +169,18 @@ def delivered_restitution(loss: float) -> float:
     ],
 )
 def test_the_stated_limits_of_validity(name: str, half: float, least: float, error: float) -> None:
-    assert delivered_restitution(LOSSES[name](0.5)) == pytest.approx(
+    assert delivered_restitution(loss_of(name, 0.5)) == pytest.approx(
         half, abs=0.5e-3
     )  # the last digit
     for hundredth in range(round(100 * least), 100):
         restitution = hundredth / 100
-        assert abs(delivered_restitution(LOSSES[name](restitution)) - restitution) < error
+        assert abs(delivered_restitution(loss_of(name, restitution)) - restitution) < error
 
 
 @pytest.mark.parametrize(
     ("name", "impact", "restitution"),
     [
-        *((name, IMPACTS[1], 0.5) for name in LOSSES),
+        *((name, IMPACTS[1], 0.5) for name in IMPACT_DAMPED),
         *(("hunt_crossley", impact, 0.5) for impact in IMPACTS if impact != IMPACTS[1]),
         ("flores", IMPACTS[1], 0.1),
         ("gonthier", IMPACTS[1], 0.9),
@@ -186,7 +188,7 @@ def test_the_stated_limits_of_validity(name: str, half: float, least: float, err
 )
 def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution: float) -> None:
     exponent, stiffness, mass, speed = impact
-    loss = LOSSES[name](restitution)
+    loss = loss_of(name, restitution)
     energy = mass / stiffness * speed**2 * (loss - math.log1p(loss)) / loss**2
     depth = ((exponent + 1.0) * energy) ** (1.0 / (exponent + 1.0))
     contact_law = law(name, stiffness=stiffness, exponent=exponent, restitution=restitution)
