@@ -78,12 +78,12 @@ ANGLES: dict[str, tuple[Change, str]] = {
         lambda t, q, f: (t, np.degrees(q), f),
         "degrees|range of motion|beyond",
     ),
-    "an offset of 5 rad": (lambda t, q, f: (t, q + 5.0, f), "offset|included|rad"),
+    "an offset of 5 rad": (lambda t, q, f: (t, q + 5.0, f), "offset|angle-unit|included|rad"),
     "the sign": (lambda t, q, f: (t, -q - 0.6, f), "sign"),
     "the included angle": (lambda t, q, f: (t, np.pi - q, f), "included angle|sign"),
     "columns swapped": (
         lambda t, q, f: (t, f, q),
-        "range of motion|beyond|must not exceed",
+        "range of motion|beyond|must not exceed|angle-unit",
     ),
 }
 TIMES: dict[str, tuple[Change, str]] = {

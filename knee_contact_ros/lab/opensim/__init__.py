@@ -15,23 +15,22 @@ from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
 from knee_contact_ros.lab.opensim import results, run
+from knee_contact_ros.lab.opensim.quality import assess, verdict
 from knee_contact_ros.lab.opensim.results import (
     LEFT,
     RIGHT,
-    Pose,
-    Reaction,
-    Settings,
+    ImportSettings,
+    JointReaction,
+    TibiaPose,
     coordinate_of,
 )
-from knee_contact_ros.lab.tables import Series, read_storage
-from knee_contact_ros.lab.tables import Table as StorageTable
+from knee_contact_ros.lab.opensim.setups import EXTERNAL_LOADS, data_file, plan
+from knee_contact_ros.lab.tables import Series, Table, read_storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import work_folder
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import say
-
-LOADS = "external_loads_file"
 
 
 class Files(NamedTuple):
@@ -70,45 +69,50 @@ def import_opensim(
     """
     own = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
     sign = None if angle_sign == "auto" else int(angle_sign)
-    settings = Settings(**rest, angle_sign=sign, rate=rate or None, anyway=anyway)
-    chosen, given = (
-        tuple(filter(None, steps.split(","))),
-        [f"--{name}" for name, path in own.items() if path],
-    )
-    if setup and given:
-        raise UsageError(
-            f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own"
-        )
-    if ground and not setup and not own["model"]:
-        raise UsageError("--ground needs --model M.osim, to find the ankle")
-    if ground == "" and not setup:
-        raise UsageError("--ground FILE is missing; it is found only with --setup")
-    if not setup and (chosen or work):
-        raise UsageError("--steps and --work need --setup")
-    for name in ("kinematics", "reactions"):
-        if not setup and not own[name]:
+    settings = ImportSettings(**rest, angle_sign=sign, rate=rate or None, anyway=anyway)
+    chosen = [step for step in steps.split(",") if step]
+    if setup:
+        if given := [f"--{name}" for name, path in own.items() if path]:
             raise UsageError(
-                f"--{name} FILE is missing; or give --setup FOLDER, and OpenSim is run"
+                f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own"
             )
+    else:
+        _check_without_setup(own, bool(chosen or work), ground)
     if ground:
         require("opensim", "opensim")
-        own |= {"ground": Path(ground), "ground_data": run.data_file(Path(ground))}
-    bags, more, lines = outputs(side, output, settings, overwrite), dict[str, str](), list[str]()
+        own |= {"ground": Path(ground), "ground_data": data_file(Path(ground))}
+    bags = _bags_by_side(side, output, settings, overwrite)
+    record: dict[str, str] = {}
+    lines: list[str] = []
     with work_folder(output.parent) as temporary:
         if setup:
             folder = (work or temporary / "opensim").resolve()
-            own, more, lines = run_tools(setup, chosen, folder, ground)
-        gaits = {
-            bag: read_knee(name, Files(**own), settings, temporary) for name, bag in bags.items()
-        }
+            own, record, lines = _run_tools(setup, chosen, folder, ground)
+        files = Files(**own)
+        gaits = {bag: read_knee(name, files, settings, temporary) for name, bag in bags.items()}
         used = {name: path for name, path in own.items() if path}
-        more = {"settings": json.dumps(settings._asdict())} | more
-        gait_bag.store(gaits, "OpenSim results", used, more, temporary)
+        record = {"settings": json.dumps(settings._asdict())} | record
+        gait_bag.store(gaits, "OpenSim results", used, record, temporary)
     for line in lines:
-        say(line, hang=2 * line.startswith("-"))
+        say(line, hang=2 if line.startswith("-") else 0)
 
 
-def run_tools(
+def _check_without_setup(own: dict[str, Any], has_options: bool, ground: str | None) -> None:
+    """Refuse options that only a run of OpenSim's tools uses, and missing files."""
+    if ground and not own["model"]:
+        raise UsageError("--ground needs --model M.osim, to find the ankle")
+    if ground == "":
+        raise UsageError("--ground FILE is missing; it is found only with --setup")
+    if has_options:
+        raise UsageError("--steps and --work need --setup")
+    for name in ("kinematics", "reactions"):
+        if not own[name]:
+            raise UsageError(
+                f"--{name} FILE is missing; or give --setup FOLDER, and OpenSim is run"
+            )
+
+
+def _run_tools(
     setup: Sequence[Path], steps: Sequence[str], work: Path, ground: str | None
 ) -> tuple[dict[str, Any], dict[str, str], list[str]]:
     """Run OpenSim's tools, with logs and results in the new folder `work`.
@@ -119,113 +123,111 @@ def run_tools(
     Returns:
         The files as in `Files`, entries for the metadata record, and lines to print on time and quality.
     """
-    folder, planned = run.plan(setup, steps)
+    folder, planned = plan(setup, steps)
     if work.exists():
         raise UsageError(f"--work {work} exists already; give a new folder")
-    if ground == "" and not planned[-1].text(LOADS):
-        raise UsageError(f"--ground: {planned[-1].path} has no {LOADS}; give --ground FILE")
+    if ground == "" and not planned[-1].text(EXTERNAL_LOADS):
+        raise UsageError(
+            f"--ground: {planned[-1].path} has no {EXTERNAL_LOADS}; give --ground FILE"
+        )
     with progress("OpenSim") as bar:
         done = run.run_pipeline(folder, planned, work, bar)
     try:
-        quality = run.verdict(run.assess(done))
+        quality = verdict(assess(done))
     except UsageError as error:  # hours of computing are not given up for that
         quality = [f"Residuals and reserves could not be judged: {error}"]
-    results = {
-        "kinematics": "Kinematics_q",
-        "speeds": "Kinematics_u",
-        "reactions": "JointReaction_ReactionLoads",
+    own: dict[str, Any] = {
+        "kinematics": done.result("Kinematics_q"),
+        "speeds": done.result("Kinematics_u"),
+        "reactions": done.result("JointReaction_ReactionLoads"),
+        "model": done.folder / done.muscles.text("model_file"),
     }
-    own: dict[str, Any] = {name: done.result(file) for name, file in results.items()}
-    own["model"] = done.folder / done.muscles.text("model_file")
-    if ground is not None:
-        loads = Path(ground) if ground else done.folder / done.muscles.text(LOADS)
-        own |= {
-            "ground": loads,
-            "ground_data": run.data_file(loads, None if ground else done.folder),
-        }
-    more = {
+    if ground:
+        own |= {"ground": Path(ground), "ground_data": data_file(Path(ground))}
+    elif ground is not None:
+        loads = done.folder / done.muscles.text(EXTERNAL_LOADS)
+        own |= {"ground": loads, "ground_data": data_file(loads, done.folder)}
+    ran = [f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in done.setups]
+    record = {
         "source": f"OpenSim {version('opensim')}",
-        "steps": "\n".join(
-            f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in done.setups
-        ),
+        "steps": "\n".join(ran),
         "quality": "\n".join(quality),
     }
     took = ", ".join(f"{step} {seconds:.1f} s" for step, seconds in done.seconds.items())
-    return own, more, [f"OpenSim: {took}", *quality]
+    return own, record, [f"OpenSim: {took}", *quality]
 
 
-def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dict[str, Path]:
-    """Paths of the bags by side: OUTPUT, or OUTPUT_right and OUTPUT_left for both.
+def _bags_by_side(
+    side: str, output: Path, settings: ImportSettings, overwrite: bool
+) -> dict[str, Path]:
+    """Return the paths of the bags by side: OUTPUT, or OUTPUT_right and OUTPUT_left for both.
 
     Raises:
         UsageError: a bag exists already, or --joint or --coordinate is given with both sides.
     """
-    both = side == "both"
-    if both and (settings.joint or settings.coordinate):
-        raise UsageError(
-            "--joint and --coordinate belong to one knee; give --side right or left with them"
-        )
-    bags = (
-        {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)}
-        if both
-        else {side: output}
-    )
+    bags = {side: output}
+    if side == "both":
+        bags = {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)}
+        if settings.joint or settings.coordinate:
+            raise UsageError(
+                "--joint and --coordinate belong to one knee; give --side right or left with them"
+            )
     for bag in bags.values():
         gait_bag.check_output(bag, overwrite)
     return bags
 
 
-def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
+def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> Gait:
     """Read a knee's gait, and with ground reactions its leg's sensors; for these OpenSim runs in the folder `work`.
 
     Raises:
         UsageError: a file cannot be used, a column is missing, or a unit, sign or frame is wrong or unclear.
     """
     start, end = settings.start, settings.end
-    kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
+    kinematics = read_storage(files.kinematics)
+    reactions = read_storage(files.reactions)
     column = results.angle_column(kinematics, side, settings.coordinate)
+    coordinate = coordinate_of(column)
     kinematics = kinematics.needed([column], start, end)
-    weight, bounds = (
-        results.read_model(files.model, coordinate_of(column)) if files.model else (None, None)
-    )
+    weight, bounds = results.read_model(files.model, coordinate) if files.model else (None, None)
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, bounds)
     degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reactions(reactions, side, settings.joint)
-    reactions = reactions.needed(
-        [each.column(axis) for each in chosen for axis in results.AXES], start, end
-    )
+    needed = [each.column(axis) for each in chosen for axis in results.AXES]
+    reactions = reactions.needed(needed, start, end)
     poses, reactions, doubts = _poses(
         chosen, reactions, kinematics, degrees, angle, files.model, work
     )
-    reaction, of_reaction = results.read_reaction(
-        reactions, list(zip(chosen, poses, strict=True)), side
-    )
+    parts = list(zip(chosen, poses, strict=True))
+    reaction, of_reaction = results.read_reaction(reactions, parts, side)
     notes += of_reaction
+    names = " + ".join(each.column(f"({' '.join(results.AXES)})") for each in chosen)
     columns = {
         "angle": f"{column} of {files.kinematics.name}",
-        "load": f"{' + '.join(each.column(results.ALL) for each in chosen)} of {files.reactions.name}",
+        "load": f"{names} of {files.reactions.name}",
     }
-    joints, wrenches = {gait_bag.JOINT: [angle]}, {"load": reaction}
+    joints = {gait_bag.JOINT: [angle]}
+    wrenches = {"load": reaction}
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
-        names = legs.leg_joints(files.model, side, coordinate_of(column))
-        angles, wrenches["ground_force"], of_leg = legs.read_leg(
-            ground, kinematics, degrees, files.model, names, work
+        of_leg = legs.leg_joints(files.model, side, coordinate)
+        angles, wrenches["ground_force"], leg_notes = legs.read_leg(
+            ground, kinematics, degrees, files.model, of_leg, work
         )
         joints |= {name: [each] for name, each in angles.items()}
         columns |= dict.fromkeys(angles, "by OpenSim")
         columns["ground_force"] = f"{ground.columns} of {files.ground_data.name}"
-        notes += of_leg
-    window = gait_bag.common_window(
-        angle.stamps, *(each.stamps for each in wrenches.values()), start=start, end=end
-    )
-    flexion, force = (each.around(window) for each in (angle, reaction))
+        notes += leg_notes
+    stamps = [angle.stamps, *(each.stamps for each in wrenches.values())]
+    window = gait_bag.common_window(*stamps, start=start, end=end)
+    flexion = angle.around(window)
+    force = reaction.around(window)
     up = " + ".join(each.column("fy") for each in chosen)
     load = Series("load", files.reactions, up, force.stamps, -force.values[:, 1])
-    seen = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
-    checks.refuse(checks.impossible(seen, load, mapped=False))
+    knee = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
+    checks.refuse(checks.impossible(knee, load, mapped=False))
     likely = [*kinematics.doubts, *reactions.doubts]
-    likely += checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
+    likely += checks.doubts(knee, load, None, weight, results.MAX_GAP, mapped=False)
     checks.refuse(likely, settings.anyway)
     rate, gap = settings.rate, results.MAX_GAP
     gait = gait_bag.sampled(side, joints, wrenches, rate=rate, max_gap=gap, start=start, end=end)
@@ -234,15 +236,15 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
 
 
 def _poses(
-    chosen: Sequence[Reaction],
-    reactions: StorageTable,
-    kinematics: StorageTable,
+    chosen: Sequence[JointReaction],
+    reactions: Table,
+    kinematics: Table,
     degrees: bool,
     angle: gait_bag.Signal,
     model: Path | None,
     work: Path,
-) -> tuple[list[Pose | None], StorageTable, list[str]]:
-    """Poses of the tibia in the frames of reactions, if these are not the tibia's; the rows with a pose, and doubts.
+) -> tuple[Sequence[TibiaPose | None], Table, list[str]]:
+    """Find the tibia in the frames of reactions, if these are not the tibia's; also the rows with a pose, and doubts.
 
     Raises:
         UsageError: a model is needed but not given, or does not fit.
@@ -255,22 +257,14 @@ def _poses(
             legs.tibia_in(each, kinematics, degrees, model, reactions.stamps, work)
             for each in chosen
         ]
-        return (
-            [pose for pose, _ in found],
-            reactions.rows(np.isin(reactions.stamps, found[0][1])),
-            [],
-        )
+        known = reactions.rows(np.isin(reactions.stamps, found[0][1]))
+        return [pose for pose, _ in found], known, []
     if first.rank != 2:
         raise results.needs_model(reactions, first)
-    inside = reactions.stamps[
-        (reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])
-    ]
+    stamps = reactions.stamps
+    inside = reactions.rows((stamps >= angle.stamps[0]) & (stamps <= angle.stamps[-1]))
     doubt = (
         f"{reactions.path}: the reaction was turned from {first.frame} by the flexion angle alone, as of a hinge, and "
         "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
     )
-    return (
-        [results.hinge(angle, inside)],
-        reactions.rows(np.isin(reactions.stamps, inside)),
-        [doubt],
-    )
+    return [results.tibia_on_hinge(angle, inside.stamps)], inside, [doubt]

@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -17,40 +18,33 @@ from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import Signal
 from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.results import (
-    FEMUR,
     LEFT,
     RIGHT,
     SIDE_WORDS,
-    TIBIA,
-    Pose,
-    Reaction,
+    TIBIA_WORDS,
+    JointReaction,
+    TibiaPose,
     coordinate_of,
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.run import (
-    NOTHING,
-    XML,
-    last_words,
-    read_xml,
-    run_python,
-    text_in,
-)
+from knee_contact_ros.lab.opensim.run import failure_in, run_python
+from knee_contact_ros.lab.opensim.setups import UNSET, XML, read_xml, text_in
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, list_names
 from knee_contact_ros.system.files import require
 
-GROUND = {"ground", "/ground", *NOTHING}
+_GROUND_NAMES = {"ground", "/ground", *UNSET}
 """Names of the ground frame, which is the default"""
-FOOT = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
+_FOOT_WORDS = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
 """Beginnings of words in the names of a foot's bodies"""
-FORCE = re.compile(r"(.*force.*_)vx", re.IGNORECASE)
+_FIRST_COLUMN = re.compile(r"(.*force.*_)vx", re.IGNORECASE)
 """Name of a force's first column, like `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
-EXAMPLES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
+_EXAMPLE_SIDES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
 """Side of each force plate in OpenSim's own examples, which do not name the foot"""
-IN_THE_AIR = 10.0
+_IN_THE_AIR = 10.0
 """Vertical force [N] below which a foot counts as in the air: plates are noisy, and the centre of pressure undefined"""
 
 
@@ -102,49 +96,47 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
     Raises:
         UsageError: a file cannot be read, it is not clear which forces act on the foot, or a column is missing.
     """
-    table, forces = read_storage(data), list[FootForce]()
+    table = read_storage(data)
     if ground.suffix.lower() != XML:
         return GroundFile(table, (_complete(_by_names(table, side), table),), ())
-    bodies: list[str] = []
-    elsewhere: list[str] = []
+    forces = []
+    bodies = []
+    notes = []
     for element in read_xml(ground, "ExternalLoads").iter("ExternalForce"):
-        body, where = (
-            text_in(element, "applied_to_body"),
-            f"{ground}: the force {element.get('name', '')!r}",
-        )
+        body = text_in(element, "applied_to_body")
         bodies.append(body)
-        off = (
-            text_in(element, "isDisabled").lower() == "true"
-            or text_in(element, "appliesForce").lower() == "false"
-        )
-        if off or not body:
+        disabled = text_in(element, "isDisabled").lower() == "true"
+        if disabled or text_in(element, "appliesForce").lower() == "false" or not body:
             continue
-        if not is_foot(body, side):
-            elsewhere += [body] * (not any(is_foot(body, other) for other in SIDE_WORDS))
-            continue
-        for tag in ("force_expressed_in_body", "point_expressed_in_body"):
-            if text_in(element, tag) not in GROUND:
-                raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, but must be ground")
-        force = FootForce(
-            *(_stem(text_in(element, f"{what}_identifier"), table) for what in FootForce._fields)
-        )
-        if not force.force or not force.point:
-            raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
-        forces.append(_complete(force, table))
+        if _is_foot(body, side):
+            where = f"{ground}: the force {element.get('name', '')!r}"
+            forces.append(_foot_force(element, table, where))
+        elif not any(_is_foot(body, other) for other in SIDE_WORDS):
+            notes.append(f"ground: what acts on {body} is left out")
     if not forces:
         named = list_names(list(dict.fromkeys(filter(None, bodies))))
         raise UsageError(
             f"{ground} applies no force to the {side} foot; its forces act on {named or 'nothing'}"
         )
-    notes = tuple(f"ground: what acts on {body} is left out" for body in dict.fromkeys(elsewhere))
-    return GroundFile(table, tuple(forces), notes)
+    return GroundFile(table, tuple(forces), tuple(dict.fromkeys(notes)))
+
+
+def _foot_force(element: ET.Element, table: Table, where: str) -> FootForce:
+    """Read a force of external loads; `where` names it in messages."""
+    for tag in ("force_expressed_in_body", "point_expressed_in_body"):
+        if text_in(element, tag) not in _GROUND_NAMES:
+            raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, but must be ground")
+    stems = (_stem(text_in(element, f"{name}_identifier"), table) for name in FootForce._fields)
+    force = FootForce(*stems)
+    if not force.force or not force.point:
+        raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
+    return _complete(force, table)
 
 
 def _complete(force: FootForce, table: Table) -> FootForce:
-    missing = [
-        name + axis for name in force if name for axis in "xyz" if name + axis not in table.names
-    ]
-    if missing:
+    """Return a force of which all columns are there."""
+    columns = [stem + axis for stem in force if stem for axis in "xyz"]
+    if missing := [name for name in columns if name not in table.names]:
         raise UsageError(
             f"{table.path} has no column {', '.join(missing)}; it has {list_names(table.names)}"
         )
@@ -152,29 +144,29 @@ def _complete(force: FootForce, table: Table) -> FootForce:
 
 
 def _stem(identifier: str, table: Table) -> str:
-    """Names of three columns without the final x, y, z; an unambiguous shorter identifier suffices; empty: none."""
-    if identifier in NOTHING:
+    """Return the names of three columns without x, y, z; a clear shorter identifier suffices; empty: none."""
+    if identifier in UNSET:
         return ""
     fitting = [name for name in table.names if name.startswith(identifier)]
     stem = fitting[0][:-1] if fitting else identifier
     return stem if fitting == [f"{stem}{axis}" for axis in "xyz"] else identifier
 
 
-def is_foot(body: str, side: str) -> bool:
-    """Whether a body belongs to the foot of a side, by its name."""
-    return is_part(body, FOOT) and bool(words(body) & SIDE_WORDS[side])
+def _is_foot(body: str, side: str) -> bool:
+    """Return whether a body belongs to the foot of a side, by its name."""
+    return is_part(body, _FOOT_WORDS) and bool(words(body) & SIDE_WORDS[side])
 
 
 def _by_names(table: Table, side: str) -> FootForce:
     """Find the only force whose columns name the foot, or are named as in OpenSim's examples."""
-    stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
+    stems = [match[1] for match in map(_FIRST_COLUMN.fullmatch, table.names) if match]
     if not stems:
         raise UsageError(
             f"{table.path} has no ground force, as ground_force_vx, but {list_names(table.names)}"
         )
     fitting = [stem for stem in stems if words(stem) & SIDE_WORDS[side]]
-    if set(stems) == set(EXAMPLES):
-        fitting = [stem for stem in stems if EXAMPLES[stem] == side]
+    if set(stems) == set(_EXAMPLE_SIDES):
+        fitting = [stem for stem in stems if _EXAMPLE_SIDES[stem] == side]
     if len(fitting) != 1:
         raise UsageError(
             f"{table.path}: which of {list_names([f'{stem}vx' for stem in stems])} is of the {side} foot? "
@@ -182,11 +174,10 @@ def _by_names(table: Table, side: str) -> FootForce:
         )
     stem = fitting[0]
     torques = [
-        stem.replace("force", turn) + end for turn in ("torque", "moment") for end in ("", "m")
+        stem.replace("force", kind) + end for kind in ("torque", "moment") for end in ("", "m")
     ]
-    return FootForce(
-        f"{stem}v", f"{stem}p", next((name for name in torques if f"{name}y" in table.names), "")
-    )
+    torque = next((name for name in torques if f"{name}y" in table.names), "")
+    return FootForce(f"{stem}v", f"{stem}p", torque)
 
 
 def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
@@ -218,24 +209,24 @@ def about_ankle(ground: GroundFile, ankle: Floats) -> Signal:
     Raises:
         UsageError: a number that counts is not finite, or the forces cannot be those on this foot.
     """
-    data, wrench = ground.data, np.zeros((len(ankle), 6))
+    data = ground.data
+    wrench = np.zeros((len(ankle), 6))
     for names in ground.forces:
         force = _vector(data, names.force)
-        stands = force[:, 1:2] >= IN_THE_AIR
-        standing = data._replace(
-            values=np.where(stands, data.values, 0.0)
-        )  # in the air, a point may be NaN
-        point, moment = (
-            _vector(standing, name) if name else np.zeros_like(force) for name in names[1:]
-        )
-        arm = point - ankle
+        stands = force[:, 1:2] >= _IN_THE_AIR
+        # In the air, a point may be NaN.
+        standing = data._replace(values=np.where(stands, data.values, 0.0))
+        arm = _vector(standing, names.point) - ankle
         checks.check_near(arm, force[:, 1], f"{data.path}: {names.point}(x y z)")
-        wrench += np.where(stands, np.hstack([force, np.cross(arm, force) + moment]), 0.0)
+        torque = np.cross(arm, force)
+        if names.torque:
+            torque += _vector(standing, names.torque)
+        wrench += np.where(stands, np.hstack([force, torque]), 0.0)
     return Signal(data.stamps, wrench)
 
 
 def _vector(data: Table, name: str) -> Floats:
-    """Vector in three columns, shape (n, 3); a number that is not finite is refused."""
+    """Return the vector in three columns, shape (n, 3); a number that is not finite is refused."""
     return np.column_stack([data.column(name + axis) for axis in "xyz"])
 
 
@@ -270,8 +261,12 @@ def read_leg(
     hip, knee, ankle = (found.origins[:, place] for place in range(3))
     pelvis, shank, foot = (found.rotations[:, place] for place in (3, 4, 5))
     checks.check_heading(pelvis[:, :, 0], kinematics.path)
-    thigh, toes = knee - hip, np.einsum("nji,nj->ni", shank, foot[:, :, 0])
-    angles = {"hip": (thigh[:, 0], -thigh[:, 1]), "ankle": (toes[:, 1], toes[:, 0])}
+    thigh = knee - hip
+    toes = np.einsum("nji,nj->ni", shank, foot[:, :, 0])
+    angles = {
+        "hip": np.arctan2(thigh[:, 0], -thigh[:, 1]),
+        "ankle": np.arctan2(toes[:, 1], toes[:, 0]),
+    }
     wrench = about_ankle(ground, Signal(kinematics.stamps, ankle).at(ground.data.stamps).values)
     notes = [
         f"hip and ankle: by OpenSim, of {', '.join(joints)} of {model.name}",
@@ -280,10 +275,7 @@ def read_leg(
     ]
     if not all(force.torque for force in ground.forces):
         notes.append("ground: no free moment in the file")
-    signals = {
-        name: Signal(kinematics.stamps, np.arctan2(*each)[:, None])
-        for name, each in angles.items()
-    }
+    signals = {name: Signal(kinematics.stamps, each[:, None]) for name, each in angles.items()}
     return signals, wrench, notes
 
 
@@ -293,21 +285,19 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
     Raises:
         UsageError: the file is not a model, or a joint is missing or not unique.
     """
-    joints = [
-        e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")
+    elements = read_xml(model, "Model").iter()
+    joints = [each for each in elements if each.tag.endswith("Joint") and each.get("name")]
+    names = [each.get("name", "") for each in joints]
+    of_side = [name for name in names if words(name) & SIDE_WORDS[side]]
+    with_coordinate = [
+        name
+        for name, joint in zip(names, joints, strict=True)
+        if any(each.get("name") == coordinate for each in joint.iter("Coordinate"))
     ]
-    of_side = [e.get("name", "") for e in joints if words(e.get("name", "")) & SIDE_WORDS[side]]
-    found: list[str] = []
+    found = []
     for what, fitting in (
         (f"{side} hip", [name for name in of_side if "hip" in words(name)]),
-        (
-            f"coordinate {coordinate}",
-            [
-                e.get("name", "")
-                for e in joints
-                if any(c.get("name") == coordinate for c in e.iter("Coordinate"))
-            ],
-        ),
+        (f"coordinate {coordinate}", with_coordinate),
         (f"{side} ankle", [name for name in of_side if "ankle" in words(name)]),
     ):
         if len(set(fitting)) != 1:
@@ -328,23 +318,22 @@ def frames_of(
     require("opensim", "opensim")
     known = {e.get("name") for e in read_xml(model, "Model").iter("Coordinate")}
     columns = {coordinate_of(name): name for name in kinematics.names}
-    coordinates = {
-        name: kinematics.column(column).tolist()
-        for name, column in columns.items()
-        if name in known
-    }
-    request, answer, log = (
-        work / name for name in ("leg_request.json", "leg_answer.json", "leg.log")
-    )
     content = {
         "model": str(model.absolute()),
         "frames": frames,
         "degrees": degrees,
-        "coordinates": coordinates,
+        "coordinates": {
+            name: kinematics.column(column).tolist()
+            for name, column in columns.items()
+            if name in known
+        },
     }
+    request = work / "leg_request.json"
+    answer = work / "leg_answer.json"
+    log = work / "leg.log"
     request.write_text(json.dumps(content), encoding="utf-8")
     if code := run_python(child.__name__, (child.PLACES, request.name, answer.name), work, log):
-        raise UsageError(f"OpenSim failed with {model}, code {code}: {last_words(log)}")
+        raise UsageError(f"OpenSim failed with {model}, code {code}: {failure_in(log)}")
     found = json.loads(answer.read_text(encoding="utf-8"))
     numbers = np.array(found["places"]).reshape(len(kinematics.stamps), len(frames), 12)
     rotations = numbers[:, :, :9].reshape(*numbers.shape[:2], 3, 3)
@@ -352,9 +341,14 @@ def frames_of(
 
 
 def tibia_in(
-    reaction: Reaction, kinematics: Table, degrees: bool, model: Path, stamps: Stamps, work: Path
-) -> tuple[Pose, Stamps]:
-    """Pose of the tibia in a reaction's frame, at those of its stamps that have kinematics.
+    reaction: JointReaction,
+    kinematics: Table,
+    degrees: bool,
+    model: Path,
+    stamps: Stamps,
+    work: Path,
+) -> tuple[TibiaPose, Stamps]:
+    """Return the pose of the tibia in a reaction's frame, at those of its stamps that have kinematics.
 
     Raises:
         UsageError: OpenSim is not installed or fails, the model has no such joint or frame, or the kinematics lack a
@@ -366,18 +360,21 @@ def tibia_in(
             f"{model} (--model) has no joint {reaction.joint}; is it the model of these results?"
         )
     stamps = stamps[(stamps >= kinematics.stamps[0]) & (stamps <= kinematics.stamps[-1])]
-    table = kinematics._replace(
-        stamps=stamps, values=Signal(kinematics.stamps, kinematics.values).at(stamps).values
-    )
+    values = Signal(kinematics.stamps, kinematics.values).at(stamps).values
+    table = kinematics._replace(stamps=stamps, values=values)
     tibia = ("child_base", reaction.joint)
-    if not is_part(reaction.body, (*TIBIA, *FEMUR)):  # of a compartment: the tibia of its side
-        side = [words(reaction.joint) & each for each in SIDE_WORDS.values()]
+    if not reaction.is_on_bone:  # of a compartment: the tibia of its side
+        sides = [each for each in SIDE_WORDS.values() if words(reaction.joint) & each]
         names = [e.get("name", "") for e in root.iter("Body")]
-        legs = [n for n in names if is_part(n, TIBIA) and any(words(n) & each for each in side)]
-        tibia = ("frame", min(legs, key=len, default="tibia"))
+        tibias = [
+            name
+            for name in names
+            if is_part(name, TIBIA_WORDS) and any(words(name) & each for each in sides)
+        ]
+        tibia = ("frame", min(tibias, key=len, default="tibia"))
     frames = [tibia, ("frame", reaction.frame), ("child", reaction.joint)]
     found = frames_of(table, degrees, model, frames, work)
-    if not is_part(found.names[0], TIBIA):
+    if not is_part(found.names[0], TIBIA_WORDS):
         raise UsageError(
             f"{model}: {reaction.joint} joins {found.names[0]} to its parent, but must join the tibia to it"
         )
@@ -386,7 +383,10 @@ def tibia_in(
             f"{kinematics.path} has no coordinate {list_names(found.unknown)} of {model.name}, by which "
             f"{found.names[0]} moves in {found.names[1]}, in which the reaction is expressed"
         )
-    (ours, theirs, _), (origin, other, centre) = (np.moveaxis(each, 1, 0) for each in found[1:3])
-    rotation = np.einsum("nji,njk->nik", ours, theirs)  # from their frame to the tibia's
-    place, point = (np.einsum("nji,nj->ni", theirs, each - other) for each in (origin, centre))
-    return Pose(rotation, place, point if reaction.moco else None), stamps
+    of_tibia, of_reaction = found.rotations[:, 0], found.rotations[:, 1]
+    to_tibia = np.einsum("nji,njk->nik", of_tibia, of_reaction)
+    origin, point = (
+        np.einsum("nji,nj->ni", of_reaction, found.origins[:, place] - found.origins[:, 1])
+        for place in (0, 2)
+    )
+    return TibiaPose(to_tibia, origin, point if reaction.moco else None), stamps

@@ -13,8 +13,9 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import Files, child, read_knee
-from knee_contact_ros.lab.opensim.results import AXES, Settings
-from knee_contact_ros.lab.opensim.run import Setup, dynamics_setup, read_setup, run_python
+from knee_contact_ros.lab.opensim.results import AXES, ImportSettings
+from knee_contact_ros.lab.opensim.run import run_python
+from knee_contact_ros.lab.opensim.setups import Setup, dynamics_setup, read_setup
 from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
@@ -106,7 +107,7 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(
         reactions = tmp_path / f"x_{'_'.join(kind)}_ReactionLoads.sto"
         files = Files(tmp_path / "q.sto", reactions, model=tmp_path / "model.osim")
         found[kind] = (
-            read_knee(side, files, Settings(anyway=True), tmp_path).wrenches["load"].values
+            read_knee(side, files, ImportSettings(anyway=True), tmp_path).wrenches["load"].values
         )
     ours = found["child", "child"]
     assert (
@@ -158,7 +159,7 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(
     jr = write_storage(tmp_path / "jr.sto", table.stamps / NANOSECONDS, columns, "no")
     parts_of = whole._replace(reactions=jr, model=tmp_path / "model.osim")
     ours, found = (
-        read_knee("right", files, Settings(), tmp_path).wrenches["load"].values
+        read_knee("right", files, ImportSettings(), tmp_path).wrenches["load"].values
         for files in (whole, parts_of)
     )
     np.testing.assert_allclose(found, ours, rtol=0.0, atol=0.01)
@@ -166,7 +167,7 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(
         UsageError,
         match=r"med_cond_joint_r_on_med_cond_r_in_med_cond_r_fx is in med_cond_r, .*--model M",
     ):
-        read_knee("right", parts_of._replace(model=None), Settings(), tmp_path)
+        read_knee("right", parts_of._replace(model=None), ImportSettings(), tmp_path)
 
 
 def test_a_model_whose_coordinates_are_not_all_known_turns_nothing(

@@ -14,7 +14,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.opensim import leg
 from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, read_ground
-from knee_contact_ros.lab.opensim.run import data_file
+from knee_contact_ros.lab.opensim.setups import data_file
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError

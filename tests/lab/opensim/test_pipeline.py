@@ -7,15 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.lab.opensim.run import (
-    Run,
-    Setup,
-    assess,
-    last_words,
-    plan,
-    read_setup,
-    verdict,
-)
+from knee_contact_ros.lab.opensim.quality import assess, verdict
+from knee_contact_ros.lab.opensim.run import OpenSimRun, failure_in
+from knee_contact_ros.lab.opensim.setups import Setup, plan, read_setup
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim.storages import write_storage
 
@@ -150,7 +144,7 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
 )
 def test_the_line_that_tells_of_a_failure(tmp_path: Path, log: str, words: str) -> None:
     (tmp_path / "l").write_text(log)
-    assert last_words(tmp_path / "l") == words
+    assert failure_in(tmp_path / "l") == words
 
 
 ACTUATORS = """<D><ForceSet><defaults>
@@ -183,7 +177,7 @@ def stored(path: Path, columns: dict[str, list[float]]) -> Path:
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Run:
+def run(tmp_path: Path) -> OpenSimRun:
     """400 N and 500 N on the feet in the middle, centre of mass at 1 m; before and after it the ground presses more."""
     (tmp_path / "act.xml").write_text(ACTUATORS)
     (tmp_path / "grf.xml").write_text(LOADS)
@@ -227,10 +221,10 @@ def run(tmp_path: Path) -> Run:
     stored(tmp_path / "i_ik_marker_errors.sto", errors)
     setups = [read_setup(tmp_path / name) for name in ("ik.xml", "cmc.xml")]
     own = tuple(setup for setup in setups if isinstance(setup, Setup))
-    return Run(tmp_path, own[1], forces, tmp_path, moments, {}, own)
+    return OpenSimRun(tmp_path, own[1], forces, tmp_path, moments, {}, own)
 
 
-def test_peaks_and_what_is_allowed(run: Run) -> None:
+def test_peaks_and_what_is_allowed(run: OpenSimRun) -> None:
     found = assess(run)
     assert [check.name for check in found] == list(JUDGED)
     for check in found:
@@ -254,7 +248,7 @@ def test_peaks_and_what_is_allowed(run: Run) -> None:
     assert "ABOVE" not in said
 
 
-def test_a_run_that_cannot_be_judged_says_why(run: Run) -> None:
+def test_a_run_that_cannot_be_judged_says_why(run: OpenSimRun) -> None:
     run.moments.unlink()
     with pytest.raises(UsageError, match=r"cannot read .*m\.sto"):
         assess(run)

@@ -12,7 +12,7 @@ import pytest
 from knee_contact_ros.lab.checks import sign_of, unit_of
 from knee_contact_ros.lab.gait_bag import Gait
 from knee_contact_ros.lab.opensim import Files, read_knee
-from knee_contact_ros.lab.opensim.results import Settings, angle_column, find_reactions
+from knee_contact_ros.lab.opensim.results import ImportSettings, angle_column, find_reactions
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim import storages
@@ -52,7 +52,7 @@ def on(*prefixes: str) -> Table:
 
 
 def knee(files: Files, side: str = "right", **settings: object) -> Gait:
-    return read_knee(side, files, Settings(**settings), Path())  # type: ignore[arg-type]
+    return read_knee(side, files, ImportSettings(**settings), Path())  # type: ignore[arg-type]
 
 
 def files(folder: Path, **options: object) -> Files:
@@ -467,7 +467,7 @@ def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
     jr, model = reactions(tmp_path / "jr.sto"), storages.write_model(tmp_path / "m.osim")
     with pytest.raises(UsageError, match="Give --angle-sign 1 or -1, or --model"):
         knee(Files(standing, jr))
-    gait = read_knee("right", Files(standing, jr, model=model), Settings(), tmp_path)
+    gait = read_knee("right", Files(standing, jr, model=model), ImportSettings(), tmp_path)
     assert gait.joints["knee"].values[:, 0].min() > 0.0
     assert gait.weight == pytest.approx(72.6 * 9.80665)
     good = model.read_text()
