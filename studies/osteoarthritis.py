@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import knee_contact_ros
 from benchmarks.gait import BODY_WEIGHT
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.lab.study import Study, read_study
+from knee_contact_ros.lab.study_file import Study, read_study
 from knee_contact_ros.parameters.files import load_parameters
 
 Floats = NDArray[np.float64]

@@ -345,14 +345,15 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     Parquet dataset. Run it again to continue a study that was stopped, or that has grown.
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
-    from knee_contact_ros.lab.study import Study, read_study, run_study
+    from knee_contact_ros.lab.study import run_study
+    from knee_contact_ros.lab.study_file import Study, read_study
     from knee_contact_ros.system.errors import IncompleteError
     from knee_contact_ros.system.terminal import say
 
-    *_, missing = run_study(read_study(study, Study), output, workers or 0, scheduler)
+    run = run_study(read_study(study, Study), output, workers or 0, scheduler)
     say(f"table: {output} (pandas.read_parquet)")
-    if missing:
-        raise IncompleteError(missing)
+    if run.missing:
+        raise IncompleteError(run.missing)
 
 
 @click.command()
@@ -365,7 +366,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     `sample`.
     """
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
-    from knee_contact_ros.lab.sensitivity import run_sensitivity
+    from knee_contact_ros.lab.sensitivity_study import run_sensitivity
 
     run_sensitivity(study, output, workers or 0, scheduler)
 

@@ -373,7 +373,7 @@ def _refuse_beyond(what: str, values: Floats, most: float, unit: str) -> None:
         raise UsageError(f"{what} {beyond[0]:g} {unit} is not allowed; at most {most:g} {unit}")
 
 
-def checked_names(names: Iterable[str]) -> None:
+def check_may_vary(names: Iterable[str]) -> None:
     """Refuse parameters that a study cannot vary; unknown ones are left to `check_value`.
 
     Raises:
@@ -585,7 +585,7 @@ def sweep(
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     """Return the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
     flat = {name: np.asarray(column) for name, column in dotted(values).items()}
-    checked_names(flat)
+    check_may_vary(flat)
     try:
         columns = [
             column.tolist() for column in np.broadcast_arrays(*flat.values(), np.zeros(1))[:-1]

@@ -16,8 +16,9 @@ from SALib.test_functions import Ishigami
 
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.sensitivity import SalibDesign, SensitivityStudy, analyse, not_converged
-from knee_contact_ros.lab.study import read_study
+from knee_contact_ros.lab.sensitivity import SalibDesign, analyse, not_converged
+from knee_contact_ros.lab.sensitivity_study import SensitivityStudy
+from knee_contact_ros.lab.study_file import read_study
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from knee_contact_ros.lab.study import Study, read_study
+from knee_contact_ros.lab.study_file import Study, read_study
 from studies import osteoarthritis
 from studies.osteoarthritis import (
     FIRST,

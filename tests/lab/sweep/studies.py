@@ -15,7 +15,8 @@ from typing import Any
 
 import pandas as pd
 
-from knee_contact_ros.lab.study import Study, run_study
+from knee_contact_ros.lab.study import run_study
+from knee_contact_ros.lab.study_file import Study
 from tests import ROOT
 
 DAMPINGS = [1e3, 2e3, 3e3, 4e3, 5e3]

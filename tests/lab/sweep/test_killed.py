@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from knee_contact_ros.lab.study import Study, read_study
+from knee_contact_ros.lab.study_file import Study, read_study
 from knee_contact_ros.system.errors import IncompleteError
 from tests.helpers.processes import remount
 from tests.lab.sweep.studies import Cluster, assert_same, computed, end, started, table, wait_until

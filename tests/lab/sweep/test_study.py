@@ -19,8 +19,12 @@ from hypothesis import strategies as st
 
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab import study as studies
-from knee_contact_ros.lab.study import MOST, Shards, Study, groups_of, run_study
+from knee_contact_ros.lab import study as study_module
+from knee_contact_ros.lab import study_cases
+from knee_contact_ros.lab.shards import ShardFolder
+from knee_contact_ros.lab.study import run_study
+from knee_contact_ros.lab.study_cases import groups_of
+from knee_contact_ros.lab.study_file import MAX_CASES, Sample, Study
 from knee_contact_ros.lab.sweep import OUTCOMES
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from tests import ROOT
@@ -63,7 +67,7 @@ def test_a_sample_that_has_grown_begins_with_the_same_points(
     method: str, few: int, more: int, seed: int
 ) -> None:
     def drawn(n: int) -> np.ndarray:
-        design = studies.Sample(method=method, n=n, seed=seed, ranges=RANGES)
+        design = Sample(method=method, n=n, seed=seed, ranges=RANGES)
         return design.points()
 
     longer = drawn(few + more)
@@ -206,7 +210,7 @@ def test_data_are_read_where_they_lie(right_bag: Path, address: str, tmp_path: P
         0,
         2,
     )
-    assert len(Shards("memory://cohorts/out").read("peak_force")) == 2
+    assert len(ShardFolder("memory://cohorts/out").read_columns("peak_force")) == 2
 
 
 def test_workers_need_no_file_but_the_bag(
@@ -243,28 +247,28 @@ def divide(_block: Any) -> float:
     ("patched", "output", "error", "said"),
     [
         (
-            ("what_answers", lambda: "another"),
+            (study_cases, "answers_version", lambda: "another"),
             "out",
             UsageError,
             r"worker tcp://127\.0\.0\.1:\d+ has another version",
         ),
         (
-            ("bag_digest", lambda _path: "another"),
+            (study_cases, "bag_digest", lambda _path: "another"),
             "out",
             UsageError,
             r"worker tcp://\S+ finds different content",
         ),
         (
-            ("compute_block", divide),
+            (study_module, "compute_block", divide),
             "out",
             IncompleteError,
             "a worker failed: ZeroDivisionError: ",
         ),
-        (("LEAST", 8), "nothing://out", UsageError, "output nothing://out: "),
+        ((study_cases, "MIN_BLOCK", 8), "nothing://out", UsageError, "output nothing://out: "),
     ],
 )
 def test_what_workers_cannot_do_is_told_in_a_line(
-    patched: tuple[str, Any],
+    patched: tuple[Any, str, Any],
     output: str,
     error: type[Exception],
     said: str,
@@ -274,7 +278,7 @@ def test_what_workers_cannot_do_is_told_in_a_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(studies, *patched)
+    monkeypatch.setattr(*patched)
     with pytest.raises(error, match=said):
         computed(study(right_bag, grid=GRID), output, scheduler=address)
     assert list(tmp_path.rglob("cases-*")) == []
@@ -283,9 +287,9 @@ def test_what_workers_cannot_do_is_told_in_a_line(
 def test_an_address_of_an_unknown_kind_ends_at_once_and_leaves_the_settings_of_dask() -> None:
     """In a process that has not used Dask before: a later study there needs the settings that it adds."""
     code = (
-        "from dask import config; from knee_contact_ros.lab.study import workers_of; import contextlib\n"
+        "from dask import config; from knee_contact_ros.lab.study import dask_client; import contextlib\n"
         "from knee_contact_ros.system.errors import UsageError\n"
-        "with contextlib.suppress(UsageError), workers_of(1, 'nonsense://1'): pass\n"
+        "with contextlib.suppress(UsageError), dask_client(1, 'nonsense://1'): pass\n"
         "print(config.get('distributed.comm.timeouts.connect'))"
     )
     process = started("-c", code, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -402,7 +406,7 @@ BAD = {
     "'to': 1} is not allowed; from < to": "bags: [a]\ngrid: {femur.mass: {from: 2, to: 1}}",
     "ranges.femur.mass: [1] is not allowed; a list of": "bags: [a]\nsample: {n: 2, ranges: {femur.mass: [1]}}",
     "method: 'dice' is not allowed": "bags: [a]\nsample: {n: 2, method: dice, ranges: {femur.mass: [1, 2]}}",
-    f"{MOST} at most": f"bags: [a, a]\nsample: {{n: {MOST}, ranges: {{femur.mass: [1, 2]}}}}",
+    f"{MAX_CASES} at most": f"bags: [a, a]\nsample: {{n: {MAX_CASES}, ranges: {{femur.mass: [1, 2]}}}}",
     "/nobody.mcap: No such file or directory": "bags: [nobody.mcap]",
     "bag file:///nobody.mcap: cannot be fetched: ": "bags: ['file:///nobody.mcap']",
     "parameter femur.profile: cannot read nobody.csv": "bags: [{bag}]\nparams: [mri_femur]\nvalues: "
@@ -438,7 +442,7 @@ def test_bad_studies(said: str, address: str, right_bag: Path, file: Path, capfd
 def test_a_scheduler_that_cannot_be_reached(
     file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(studies, "PATIENCE", 1.0)
+    monkeypatch.setattr(study_module, "SCHEDULER_TIMEOUT", 1.0)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # not listening
         for address in (
