@@ -85,6 +85,13 @@ class Results(Records):
     Fields are attributes, arrays of shape (n,) with the names of the message's fields: `results.contact_force` [N]. A
     slice, a mask, some of the fields (`results[["stamp", "load"]]`) and arrays joined by `np.concatenate` are also
     `Results`. The methods `to_...` and `plot` need the extra `notebook`, and raise `UsageError` without it.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> knee = load_model()
+        >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+        >>> answers[answers.load > 750.0].contact_force.round(1)
+        array([801.7, 900.1])
     """
 
     model: KneeModel | None = None
@@ -125,16 +132,39 @@ class Results(Records):
         """Give a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
 
         Vectors are columns of their components: `contact_point_x`. All methods `to_...` use the same names.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> answers.to_pandas()[["load", "contact_force"]].round(1).iloc[-1].to_dict()
+            {'load': 900.0, 'contact_force': 900.1}
         """
         pandas, numbers = _library("pandas"), columns(self)
         return pandas.DataFrame(numbers, index=pandas.Index(numbers.pop(TIME), name=TIME))
 
     def to_polars(self) -> Any:
-        """Give a `polars.DataFrame` in SI units with a column for every number; the first one is the time [s]."""
+        """Give a `polars.DataFrame` in SI units with a column for every number; the first one is the time [s].
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> answers.to_polars().select("time", "load").rows()
+            [(0.0, 700.0), (0.01, 800.0), (0.02, 900.0)]
+        """
         return _library("polars").DataFrame(columns(self))
 
     def to_xarray(self) -> Any:
-        """Give an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`."""
+        """Give an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> answers.to_xarray().contact_force.attrs["units"]
+            'N'
+        """
         variables = {
             name: (TIME, values, {"units": unit} if (unit := unit_of(name)) else {})
             for name, values in columns(self).items()
@@ -147,6 +177,14 @@ class Results(Records):
         Raises:
             UsageError: the name of `path` does not end in .parquet.
             OSError: the file cannot be written.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> import tempfile
+            >>> with tempfile.TemporaryDirectory() as folder:
+            ...     answers.to_parquet(f"{folder}/answers.parquet")
         """
         if not fspath(path).endswith(PARQUET):
             raise UsageError(
@@ -161,6 +199,14 @@ class Results(Records):
 
         Raises:
             UsageError: a field that it shows is not among those of these answers.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> figure = answers.plot()
+            >>> len(figure.axes)
+            4
         """
         return _figure_of(self)
 

@@ -202,10 +202,11 @@ def signature(item: Any) -> str:
 
 
 def text_of(item: Any) -> str:
-    """Docstring as Markdown: sections are paragraphs, their entries are lists."""
-    text = inspect.getdoc(item) or ""
+    """Docstring as Markdown: sections are paragraphs, their entries are lists, the example is a block of code."""
+    text, _, example = (inspect.getdoc(item) or "").partition("\n\nExample:\n")
     text = re.sub(r"\n {4}(?! )(?=\S)", "\n- ", SECTION.sub(r"**\1**\n", text))
-    return re.sub(r"\n {8,}", " ", re.sub(r"\n- (?=[^\n]*)", "\n- ", text)).strip()
+    text = re.sub(r"\n {8,}", " ", text).strip()
+    return f"{text}\n\n```python\n{textwrap.dedent(example)}\n```" if example else text
 
 
 def members_of(item: type, only: list[str]) -> Iterator[str]:

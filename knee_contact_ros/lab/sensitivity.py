@@ -290,7 +290,15 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Results of `sensitivity`."""
+    """Results of `sensitivity`.
+
+    Example:
+        >>> from knee_contact_ros import sensitivity
+        >>> ranges = {"contact.stiffness": (5e7, 1e8), "contact.damping": (2e3, 8e3)}
+        >>> found = sensitivity("bags/gait2354_right", ranges, method="morris", n=8)
+        >>> sorted(found.outcomes)
+        ['bone_time', 'peak_depth', 'peak_force', 'peak_pressure']
+    """
 
     outcomes: dict[str, Analysed]
     """Analysis of each outcome, by name: indices, or the reason why there are none"""
@@ -309,7 +317,15 @@ class Sensitivity:
         raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
+        """Return a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units.
+
+        Example:
+            >>> from knee_contact_ros import sensitivity
+            >>> ranges = {"contact.stiffness": (5e7, 1e8), "contact.damping": (2e3, 8e3)}
+            >>> table = sensitivity("bags/gait2354_right", ranges, method="morris", n=8).to_pandas()
+            >>> list(table.columns)
+            ['outcome', 'parameter', 'index', 'n', 'value', 'low', 'high']
+        """
         return joined_table(self.outcomes)
 
 
@@ -358,6 +374,21 @@ def sensitivity(
     Raises:
         UsageError: a range, outcome, parameter or gait is not allowed. Failed cases raise nothing: see `spoilt` and
             `reason` of the outcomes.
+
+    Example:
+        >>> import numpy as np
+        >>> from knee_contact_ros import sensitivity
+        >>> time = np.linspace(0.0, 1.0, 101)
+        >>> gait = {
+        ...     "time": time,
+        ...     "flexion_angle": 0.3 + 0.2 * np.sin(6.3 * time),
+        ...     "axial_load": 1400.0 + 800.0 * np.sin(12.6 * time),
+        ... }
+        >>> ranges = {"contact.stiffness": (5e7, 1e8), "contact.damping": (2e3, 8e3)}
+        >>> found = sensitivity(gait, ranges, method="morris", n=8)
+        >>> indices = found.to_pandas().query("outcome == 'peak_depth' and index == 'mu_star'")
+        >>> indices.set_index("parameter").value.astype(float).idxmax()
+        'contact.stiffness'
     """
     content = {
         "method": method,

@@ -479,7 +479,16 @@ def _answers(recording: Recording, sides: Sequence[Side]) -> Rows:
 
 @dataclass(frozen=True)
 class Cohort:
-    """Results of `sweep`: k cases, in the order of the values."""
+    """Results of `sweep`: k cases, in the order of the values.
+
+    Example:
+        >>> from knee_contact_ros import sweep
+        >>> cohort = sweep("bags/gait2354_right", {"contact.damping": [2e3, 5e3]})
+        >>> cohort.to_pandas()[["contact.damping", "peak_force"]].round()
+           contact.damping  peak_force
+        0           2000.0      1614.0
+        1           5000.0      1614.0
+    """
 
     values: dict[str, NDArray[Any]]
     """Values of the varied parameters, by name, shape (k,)"""
@@ -553,6 +562,19 @@ def sweep(
     Raises:
         UsageError: a parameter is unknown or may not be varied, arrays do not fit, or the bag cannot be used. Values
             that are allowed alone but not together are no error: the case fails.
+
+    Example:
+        >>> import numpy as np
+        >>> from knee_contact_ros import sweep
+        >>> time = np.linspace(0.0, 1.0, 101)
+        >>> gait = {
+        ...     "time": time,
+        ...     "flexion_angle": 0.3 + 0.2 * np.sin(6.3 * time),
+        ...     "axial_load": 1400.0 + 800.0 * np.sin(12.6 * time),
+        ... }
+        >>> cohort = sweep(gait, {"contact.stiffness": [4e7, 8e7, 16e7]})
+        >>> (1e3 * cohort.outcomes.peak_depth).round(2)
+        array([0.91, 0.57, 0.36])
     """
     with in_python_words():
         cases = _cases(values)

@@ -154,7 +154,15 @@ def deviations_of(
 
 
 class Propagated(NamedTuple):
-    """Standard deviations of a compartment's depth and force, arrays of shape (n,)."""
+    """Standard deviations of a compartment's depth and force, arrays of shape (n,).
+
+    Example:
+        >>> from knee_contact_ros import uncertainty
+        >>> medial = uncertainty("bags/gait2354_right", deviations={"contact.stiffness": "20 %"}).medial
+        >>> low, high = medial.depth_interval(0.95)
+        >>> bool((low < medial.rows["penetration_depth"]).all())
+        True
+    """
 
     rows: Rows
     """The answers themselves, with their estimated numerical errors"""
@@ -292,7 +300,14 @@ def propagated(
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Result of `uncertainty`: standard deviations of each compartment's answers."""
+    """Result of `uncertainty`: standard deviations of each compartment's answers.
+
+    Example:
+        >>> from knee_contact_ros import uncertainty
+        >>> found = uncertainty("bags/gait2354_right", deviations={"flexion_angle": 0.02})
+        >>> found.lateral is None
+        True
+    """
 
     medial: Propagated
     """Standard deviations of the medial compartment, or of the only one"""
@@ -337,6 +352,12 @@ def uncertainty(
 
     Raises:
         UsageError: an argument cannot be used, or parameters changed while the recording was made.
+
+    Example:
+        >>> from knee_contact_ros import uncertainty
+        >>> found = uncertainty("bags/gait2354_right", deviations={"contact.stiffness": "20 %"})
+        >>> print(f"{1e3 * found.medial.depth.max():.2f} mm")
+        0.10 mm
     """
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)

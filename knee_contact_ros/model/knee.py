@@ -47,6 +47,12 @@ class KneeModel:
     flexion angle, and the mechanism moves it along x. Along y it either moves freely under the load (the force drive)
     or is held at a prescribed height (the displacement drive). All methods depend only on their arguments: no clock,
     no file.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> knee = load_model()
+        >>> print(f"{1e3 * knee.static_depth(800.0):.3f} mm")
+        0.468 mm
     """
 
     pair: ContactPair
@@ -139,7 +145,13 @@ class KneeModel:
         self.kernel(len(samples))(self.knee, state, samples, *kernel_views(answers))
 
     def stream(self) -> Stream:
-        """Start a run that is given one tick at a time."""
+        """Start a run that is given one tick at a time.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> load_model().stream()
+            <Stream no tick yet: circle on plane, hinge, contact law in 1 layer(s), force drive>
+        """
         return Stream(self)
 
     def run(
@@ -168,6 +180,13 @@ class KneeModel:
         Raises:
             ValueError: shapes differ, a value is masked, is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
                 `LARGEST_HEIGHT`, time does not increase, or `femoral_height` does not fit the drive.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> answers.contact_force.round(1)
+            array([700. , 801.7, 900.1])
         """
         given = (
             (time, flexion_angle, load)
@@ -215,6 +234,13 @@ class KneeModel:
 
         Raises:
             ValueError: `contact.femoral_radius` is not below `contact.tibial_radius`, so that there is no patch.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> (1e-6 * knee.readouts(answers).peak_pressure).round(1)
+            array([14.7, 15.3, 15.9])
         """
         if self.patch is None:
             raise ValueError(
@@ -240,6 +266,13 @@ class KneeModel:
 
         Raises:
             ValueError: a standard deviation is negative.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> knee = load_model()
+            >>> answers = knee.run([0.0, 0.01, 0.02], [0.30, 0.32, 0.34], [700.0, 800.0, 900.0])
+            >>> (1e6 * knee.uncertainty(answers, load_deviation=50.0).penetration_depth).round(1)
+            array([20.4, 19.7, 18.9])
         """
         return uncertainty(self.law, answers, load_deviation)
 
@@ -268,7 +301,16 @@ class KneeModel:
 
 @dataclass(repr=False)
 class Stream:
-    """A run of a model, tick by tick. The answer to the first tick is the static solution."""
+    """A run of a model, tick by tick. The answer to the first tick is the static solution.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> stream = load_model().stream()
+        >>> for time, angle, load in ((0.0, 0.30, 700.0), (0.01, 0.32, 800.0)):
+        ...     print(f"{1e3 * stream.tick(time, angle, load).penetration_depth:.3f} mm")
+        0.428 mm
+        0.460 mm
+    """
 
     model: KneeModel
     answer: Rows = field(init=False)
@@ -335,6 +377,11 @@ class Stream:
         Raises:
             ValueError: a value is not finite or too large, time is not later than at the previous tick, or
                 `femoral_height` does not fit the drive.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> load_model().stream().tick(time=0.0, flexion_angle=0.3, load=800.0).contact_force
+            800.0
         """
         if not abs(time) < LARGEST_TIME:
             raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
@@ -353,7 +400,15 @@ class Stream:
     def advance(
         self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None
     ) -> None:
-        """Advance to an integer stamp [ns] and leave the answer in `answer`, which is faster than returning a copy."""
+        """Advance to an integer stamp [ns] and leave the answer in `answer`, which is faster than returning a copy.
+
+        Example:
+            >>> from knee_contact_ros import load_model
+            >>> stream = load_model().stream()
+            >>> stream.advance(5_000_000, 0.3, 800.0)
+            >>> stream.answer["contact_force"]
+            array([800.])
+        """
         if self._height_prescribed or femoral_height is not None:
             self.model.check_drive(femoral_height is not None)
         height = math.nan if femoral_height is None else femoral_height

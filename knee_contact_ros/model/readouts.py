@@ -73,7 +73,13 @@ OWN_PRESSURE = ("hertz", "elastic_foundation")
 
 
 class ContactPatch(NamedTuple):
-    """The patch that the contacts of a model spread over."""
+    """The patch that the contacts of a model spread over.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> print(f"{1e3 * load_model().patch.radius:.1f} mm")
+        53.0 mm
+    """
 
     spread: Spread
     radius: float

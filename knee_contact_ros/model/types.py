@@ -60,7 +60,14 @@ Code = Annotated[int, Field(kind=np.uint8)]
 
 
 class ContactState(IntEnum):
-    """The deepest layer that is in contact."""
+    """The deepest layer that is in contact.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> from knee_contact_ros.model.types import ContactState
+        >>> ContactState(load_model("osteoarthritis").stream().tick(0.0, 0.3, 1500.0).contact_state)
+        <ContactState.BONE: 2>
+    """
 
     SEPARATED = 0
     CARTILAGE = 1
@@ -68,7 +75,14 @@ class ContactState(IntEnum):
 
 
 class Fidelity(IntEnum):
-    """The level of the model that computed a tick."""
+    """The level of the model that computed a tick.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> from knee_contact_ros.model.types import Fidelity
+        >>> Fidelity(load_model().stream().tick(0.0, 0.3, 800.0).fidelity)
+        <Fidelity.DYNAMIC: 2>
+    """
 
     QUASI_STATIC = 0
     FIRST_ORDER = 1
@@ -77,7 +91,14 @@ class Fidelity(IntEnum):
 
 
 class Status(IntFlag):
-    """Flags that a reader of an answer must know; several may be set at once."""
+    """Flags that a reader of an answer must know; several may be set at once.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> from knee_contact_ros.model.types import Status
+        >>> Status.IMPLAUSIBLE in Status(load_model().stream().tick(0.0, 3.1, 800.0).status)
+        True
+    """
 
     OK = 0
     STALE_INPUT = 1
@@ -128,7 +149,14 @@ class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
 
 
 class Point(Row):  # type: ignore[misc]
-    """A vector in the tibia frame, [m] or [N] or [N m]: x anterior, y superior, z to the right."""
+    """A vector in the tibia frame, [m] or [N] or [N m]: x anterior, y superior, z to the right.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> point = load_model({"tibia.slope": 0.1}).stream().tick(0.0, 0.3, 800.0).contact_point
+        >>> print(f"{1e3 * point.x:.2f} mm, {1e3 * point.y:.2f} mm")
+        3.35 mm, 0.34 mm
+    """
 
     x: Annotated[float, Field()]
     y: Annotated[float, Field()]
@@ -137,7 +165,13 @@ class Point(Row):  # type: ignore[misc]
 
 
 class Wrench(Row):  # type: ignore[misc]
-    """Force and torque on a body at the origin of the tibia frame, with the layout of `geometry_msgs/msg/Wrench`."""
+    """Force and torque on a body at the origin of the tibia frame, with the layout of `geometry_msgs/msg/Wrench`.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> load_model().stream().tick(0.0, 0.3, 800.0).contact_wrench.force.y
+        -800.0
+    """
 
     force: Annotated[Point, Field("N")]
     """Force on the body"""
@@ -149,6 +183,12 @@ class Contact(Row):  # type: ignore[misc]
     """The answer to one tick: the fields of `KneeContact.msg` (same names, order and types), then some more.
 
     A field's name, meaning, unit and plot are declared here and nowhere else; the message repeats them as comments.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> contact = load_model().stream().tick(0.0, 0.3, 800.0)
+        >>> contact
+        <Contact at 0 s: load 800.0 N, contact force 800.0 N, depth 0.468 mm>
     """
 
     flexion_angle: Annotated[float, Field("rad")]

@@ -76,6 +76,12 @@ def solve(
 
     Raises:
         UsageError: bag, parameters or output cannot be used, or no tick could be computed.
+
+    Example:
+        >>> from knee_contact_ros import solve
+        >>> gait = solve("bags/gait2354_right")
+        >>> print(len(gait), f"{gait.contact_force.max():.0f} N, {1e3 * gait.penetration_depth.max():.2f} mm")
+        387 1614 N, 0.75 mm
     """
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
@@ -215,6 +221,12 @@ def estimate_load(
 
     Raises:
         UsageError: bag, parameters or output cannot be used, or nothing could be estimated.
+
+    Example:
+        >>> from knee_contact_ros import estimate_load
+        >>> loads = estimate_load("bags/gait2354_right_sensors", "load/gait2354")
+        >>> print(len(loads), f"{loads['axial_force'].max():.0f} N")
+        387 1583 N
     """
     path = expand_user(str(bag))
     with in_python_words():

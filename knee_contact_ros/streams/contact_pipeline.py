@@ -320,6 +320,11 @@ def load_model(
     Raises:
         UsageError: a parameter file cannot be read, a parameter is unknown or not allowed (see `load_parameters`), or a
             profile or a table cannot be used.
+
+    Example:
+        >>> from knee_contact_ros import load_model
+        >>> load_model(["osteoarthritis", {"femur.mass": 8.0}])
+        <KneeModel: circle on plane, hinge, contact law in 2 layer(s), force drive>
     """
     parameters = load_parameters(source)
     plain = build_model(parameters, curves=curve_texts(parameters, curves))

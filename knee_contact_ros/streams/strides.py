@@ -30,7 +30,15 @@ KEPT = round((LONGEST + 3.0) * SECOND)
 
 
 class Span(NamedTuple):
-    """Times of a stride."""
+    """Times of a stride.
+
+    Example:
+        >>> from knee_contact_ros import solve
+        >>> from knee_contact_ros.streams.strides import strides_of
+        >>> span = strides_of(solve("bags/gait2354_right"), 737.0)[0].span
+        >>> print(f"{span.duration:.2f} s, stance {span.stance:.0f} %")
+        1.23 s, stance 64 %
+    """
 
     start: int
     """Stamp of the heel strike [ns]"""
@@ -50,12 +58,25 @@ class Span(NamedTuple):
         return 100.0 * (self.toe_off - self.start) / (self.end - self.start)
 
     def percent(self, stamp: int) -> float:
-        """Position of a stamp [ns] in the stride [%]."""
+        """Position of a stamp [ns] in the stride [%].
+
+        Example:
+            >>> from knee_contact_ros.streams.strides import Span
+            >>> Span(1_000_000_000, 1_620_000_000, 2_000_000_000).percent(1_500_000_000)
+            50.0
+        """
         return 100.0 * (stamp - self.start) / (self.end - self.start)
 
 
 class Stride(NamedTuple):
-    """The contact in a stride."""
+    """The contact in a stride.
+
+    Example:
+        >>> from knee_contact_ros import solve
+        >>> from knee_contact_ros.streams.strides import strides_of
+        >>> [stride.usable for stride in strides_of(solve("bags/gait2354_right"), 737.0)]
+        [True]
+    """
 
     span: Span
     peak_force: float
@@ -232,6 +253,13 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
 
     Returns:
         One entry per whole stride, in order; none where there is no gait.
+
+    Example:
+        >>> from knee_contact_ros import solve
+        >>> from knee_contact_ros.streams.strides import strides_of
+        >>> stride = strides_of(solve("bags/gait2354_right"), body_weight=737.0)[0]
+        >>> print(f"{stride.span.duration:.2f} s, {stride.peak_force:.0f} N")
+        1.23 s, 1557 N
     """
     strides = Strides(body_weight)
     return strides.add(np.asarray(series)) + strides.finish()

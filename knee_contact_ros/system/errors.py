@@ -61,7 +61,16 @@ class CommandError(Exception):
 
 
 class UsageError(CommandError):
-    """Bad input. The text names the file, topic or parameter, its value and what is allowed; exit code 2."""
+    """Bad input. The text names the file, topic or parameter, its value and what is allowed; exit code 2.
+
+    Example:
+        >>> from knee_contact_ros import UsageError, load_model
+        >>> try:
+        ...     load_model({"femur.mass": -1.0})
+        ... except UsageError as error:
+        ...     print(error)
+        parameter femur.mass: -1.0 is not allowed; it should be greater than or equal to 0.0001
+    """
 
 
 class IncompleteError(CommandError):

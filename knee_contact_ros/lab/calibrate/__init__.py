@@ -59,7 +59,18 @@ ROUGH = (
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of `calibrate`: p free parameters in the order in which they were given, fitted to n samples."""
+    """Result of `calibrate`: p free parameters in the order in which they were given, fitted to n samples.
+
+    Example:
+        >>> from knee_contact_ros import calibrate, load_model
+        >>> time, angle, load = [0.0, 0.1, 0.2, 0.3], [0.3] * 4, [200.0, 500.0, 800.0, 300.0]
+        >>> measured = load_model({"contact.stiffness": 9e7}).run(time, angle, load)
+        >>> table = {"time": time, "flexion_angle": angle, "load": load}
+        >>> table["penetration_depth"] = measured.penetration_depth
+        >>> found = calibrate(table, free=["contact.stiffness"], with_intervals=False)
+        >>> load_model(found.to_parameters())
+        <KneeModel: circle on plane, hinge, contact law in 1 layer(s), force drive>
+    """
 
     unknowns: tuple[Unknown, ...]
     """The free parameters: name, start, range and unit of each"""
@@ -158,6 +169,16 @@ def calibrate(
     Raises:
         UsageError: a file, column, topic, parameter or option cannot be used, or a parameter has no effect on what was
             measured.
+
+    Example:
+        >>> from knee_contact_ros import calibrate, load_model
+        >>> time, angle, load = [0.0, 0.1, 0.2, 0.3], [0.3] * 4, [200.0, 500.0, 800.0, 300.0]
+        >>> measured = load_model({"contact.stiffness": 9e7}).run(time, angle, load)
+        >>> table = {"time": time, "flexion_angle": angle, "load": load}
+        >>> table["penetration_depth"] = measured.penetration_depth
+        >>> found = calibrate(table, free=["contact.stiffness"], with_intervals=False)
+        >>> print(f"{found.values['contact.stiffness']:.3g}")
+        9e+07
     """
     for name, value, allowed, words in (
         ("loss", loss, loss in LOSSES, f"one of {', '.join(LOSSES)}"),

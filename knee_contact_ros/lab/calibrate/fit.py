@@ -511,7 +511,13 @@ def fitted(
 
 
 class Interval(NamedTuple):
-    """Interval of a parameter's value, in the parameter's unit."""
+    """Interval of a parameter's value, in the parameter's unit.
+
+    Example:
+        >>> from knee_contact_ros.lab.calibrate.fit import Interval
+        >>> Interval(low=2e7, high=1e15, low_open=False, high_open=True).is_narrow
+        False
+    """
 
     low: float
     """Lower end"""
