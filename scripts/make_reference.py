@@ -23,7 +23,8 @@ from knee_contact_ros.commands.main import GROUPS, knee_contact
 from knee_contact_ros.node.contact_node import CONTACT_NODE
 from knee_contact_ros.node.load_node import LOAD_NODE
 from knee_contact_ros.parameters.files import known_parameters
-from knee_contact_ros.parameters.schema import LATERAL, Declaration
+from knee_contact_ros.parameters.schema import LATERAL_PREFIX
+from knee_contact_ros.parameters.sections import Declaration
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = ROOT / "docs" / "reference"
@@ -91,7 +92,7 @@ def parameters() -> str:
             "|---|---|---|---|---|",
         ]
         for name, declaration in known_parameters(kind.schema).items():
-            if not name.startswith(LATERAL):
+            if not name.startswith(LATERAL_PREFIX):
                 unit = UNIT.match(declaration.description)
                 meaning = UNIT.sub("", declaration.description)
                 lines.append(

@@ -31,7 +31,7 @@ from std_srvs.srv import Trigger
 
 from benchmarks.latency.driver import CHECK, PARAMETERS, Driver, joined
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.parameters.schema import RecordSection
+from knee_contact_ros.parameters.sections import RecordSection
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.output_files import partial_name

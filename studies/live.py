@@ -36,7 +36,7 @@ from knee_contact_ros.commands.options import FILE
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status, byte_offset
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import has_both
+from knee_contact_ros.parameters.schema import has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     JointState,
@@ -79,7 +79,9 @@ def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
     events += [(5 * i + latency, i, "force") for i in range(80)]
     events += [(dice.randint(0, 400), 0, "change") for _ in range(dice.randint(1, 6))]
     with BagWriter(path) as bag:
-        topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
+        topics = {
+            topic: f"/{topic}" for topic in recorded_topics(has_two_compartments(parameters))
+        }
         writer = AnswerWriter(bag, provenance_record(parameters, {}), topics)
         for _, i, kind in sorted(events):
             if kind == "change":

@@ -22,7 +22,8 @@ from knee_contact_ros.parameters.files import (
     load_parameters,
     read_curve,
 )
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import is_file, open_regular, sha256_of

@@ -39,7 +39,8 @@ from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters, Parameters, has_both
+from knee_contact_ros.parameters.load_schema import ActuatedJoint, LoadParameters
+from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state, stamp_in
@@ -270,7 +271,7 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
     peak = answers[
         int(np.nan_to_num(answers[what], nan=-np.inf).argmax())
     ]  # a doubtful load may have no number
-    which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
+    which = f"{MEDIAL} compartment, " if has_two_compartments(parameters) else ""
     when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
     title = f"{which}largest {what.replace('_', ' ')}, at {when} s"
     with png_figure(picture, SIZE, DPI, **STYLE) as figure:

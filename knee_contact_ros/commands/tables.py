@@ -15,7 +15,7 @@ from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.model.types import MM, Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary import Moment, Summary
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
 from knee_contact_ros.system.terminal import (

@@ -98,7 +98,7 @@ def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) 
 
 OF_MOMENTS = Deviation(0.225, 0.125), Deviation(0.325, 0.125)
 OF_GROUND = Deviation(0.40, 0.10), Deviation(0.55, 0.10)
-LEVELS = {
+LOAD_LEVELS = {
     "ground_force": EstimationLevel(Level.GROUND_FORCE, ground_force_alone, *OF_GROUND),
     "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, *OF_MOMENTS),
     "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, *OF_MOMENTS),
@@ -226,12 +226,12 @@ class Estimator:
         """Continue with another level or person; the muscles keep their present forces.
 
         Args:
-            level: Name in `LEVELS`.
+            level: Name in `LOAD_LEVELS`.
             person: Constants of the person.
             calibrated: Whether they were fitted to a measured knee of this person.
             deviation: Standard deviation relative to the body weight, for any force; 0: that of the level.
         """
-        self._level, self._person, self._calibrated = LEVELS[level], person, calibrated
+        self._level, self._person, self._calibrated = LOAD_LEVELS[level], person, calibrated
         self._leg = leg_of(person.mass, person.height)
         measured = self._level.calibrated if calibrated else self._level.uncalibrated
         self._deviation = Deviation(deviation, 0.0) if deviation else measured

@@ -21,7 +21,7 @@ from pydantic import Field
 from knee_contact_ros.lab.cells import is_number
 from knee_contact_ros.lab.units import TIME, ColumnName
 from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.schema import Section, one_of
+from knee_contact_ros.parameters.sections import Section, one_of
 from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import open_regular, require
 

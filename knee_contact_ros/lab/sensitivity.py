@@ -23,7 +23,7 @@ from knee_contact_ros.lab.study_file import Design, SpacedValues
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
-from knee_contact_ros.parameters.files import Source, first_error
+from knee_contact_ros.parameters.files import ParameterSource, first_error
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
@@ -340,7 +340,7 @@ def joined_table(analysed: Mapping[str, Analysed]) -> pd.DataFrame:
 def sensitivity(
     gait: Name | Mapping[str, ArrayLike],
     ranges: Mapping[str, Any],
-    params: Source = DEFAULT_PARAMETERS,
+    params: ParameterSource = DEFAULT_PARAMETERS,
     *,
     method: Literal["sobol", "morris"] = "sobol",
     n: int = 256,

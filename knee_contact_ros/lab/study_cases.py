@@ -37,8 +37,8 @@ from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.solve import with_weight
 from knee_contact_ros.parameters.files import all_values, variations_of
-from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
-from knee_contact_ros.parameters.schema import Parameters, has_both
+from knee_contact_ros.parameters.schema import LATERAL_PREFIX as LATERAL_KNEE
+from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.files import expand_user
 
@@ -129,7 +129,10 @@ class CaseGroup(NamedTuple):
             parameters = self.parameters
             texts = {}
             refused = sorted(values.items())
-        left_out = (*NOT_OF_THE_RESULT, *([] if has_both(parameters) else [LATERAL_KNEE]))
+        left_out = (
+            *NOT_OF_THE_RESULT,
+            *([] if has_two_compartments(parameters) else [LATERAL_KNEE]),
+        )
         entries = {
             name: value
             for name, value in all_values(parameters).items()

@@ -27,7 +27,7 @@ from knee_contact_ros.offline.notebooks import Name, in_python_words, warn_of
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
-    Source,
+    ParameterSource,
     check_value,
     curve_files,
     dotted,
@@ -37,7 +37,7 @@ from knee_contact_ros.parameters.files import (
     read_curve,
     variations_of,
 )
-from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
+from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
 from knee_contact_ros.results import Records, no_such
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline, half_spacing, move_along_z
 from knee_contact_ros.streams.gait_events import GAP
@@ -311,7 +311,7 @@ class Knees:
         texts, z = file_texts(parameters, self.files), half_spacing(parameters)
         medial = self._medial(parameters.load, parameters.body_weight)
         parts = [(parameters, texts, medial, -z)]
-        if has_both(parameters):
+        if has_two_compartments(parameters):
             parts.append(
                 (lateral_knee(parameters), lateral_texts(texts), self.recording.axial - medial, z)
             )
@@ -537,7 +537,7 @@ class Cohort:
 def sweep(
     gait: Name | Mapping[str, ArrayLike],
     values: Mapping[str, ArrayLike],
-    params: Source = DEFAULT_PARAMETERS,
+    params: ParameterSource = DEFAULT_PARAMETERS,
     *,
     remap: Mapping[str, str] | None = None,
     namespace: str = "",

@@ -32,7 +32,7 @@ from knee_contact_ros.lab.headers import (
 )
 from knee_contact_ros.lab.units import TIME, ColumnName, check_unit, unit_factor
 from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.parameters.schema import Section
+from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 

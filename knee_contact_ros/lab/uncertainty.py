@@ -27,13 +27,13 @@ from knee_contact_ros.model.types import Floats, Rows
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import (
-    Source,
+    ParameterSource,
     all_values,
     curve_files,
     dotted,
     known_parameters,
 )
-from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
+from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError, suggest
 from knee_contact_ros.system.files import expand_user, read_mapping
@@ -46,7 +46,7 @@ STREAMS = {
     "femoral_height": ("heights", "m"),
 }
 """Inputs of a tick that may be uncertain: their fields in `Recording`, and units"""
-SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
+SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL_PREFIX)
 """Beginnings of the names of the parameters that may be uncertain"""
 LARGEST = 1.0
 """Largest relative deviation: beyond it linear propagation does not hold"""
@@ -113,7 +113,7 @@ def deviations_of(
         if parameters.drive == "displacement"
         else ("femoral_height",)
     )
-    sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
+    sections = SECTIONS if has_two_compartments(parameters) else SECTIONS[:-1]
     known = [
         name
         for name, value in all_values(parameters).items()
@@ -324,7 +324,7 @@ class Uncertainty:
 
 def uncertainty(
     bag: Name | None = None,
-    params: Source | None = None,
+    params: ParameterSource | None = None,
     deviations: Mapping[str, Any] | Name | None = None,
     values: Mapping[str, Any] | None = None,
     *,

@@ -34,7 +34,7 @@ from knee_contact_ros.node.inputs import HandedInputs
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
-from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
+from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import check_stamp, encode_joint_state
@@ -84,7 +84,7 @@ _LIVE = frozenset(
         "record.path",
     }
 )
-LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
+LIVE = _LIVE | {LATERAL_PREFIX + name for name in _LIVE if name.startswith(("femur.", "contact."))}
 """Parameters that may change while the node is configured: numbers of the model and of its inputs, and the
 name of the next recording. They take effect between two ticks."""
 
@@ -121,7 +121,7 @@ class ContactSession(Session):
         self.inputs = self._input_streams(qos_given, handed)
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
-        topics = recorded_topics(has_both(parameters))
+        topics = recorded_topics(has_two_compartments(parameters))
         self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
         models = [compartment.model for compartment in pipeline.compartments]
         knees = compartments_of(knee_name(self._names[KNEE_CONTACT]), models)

@@ -27,7 +27,7 @@ from knee_contact_ros.node.diagnostics import (
     at_most_every,
     first_of,
 )
-from knee_contact_ros.parameters.sources import Source
+from knee_contact_ros.parameters.sources import TopicSource
 from knee_contact_ros.streams.conversion import ANY, Convert
 from knee_contact_ros.streams.frames import (
     TF_STATIC,
@@ -52,7 +52,7 @@ class HandOver:
     def __init__(self) -> None:
         self.taker: Callable[[bytes], object] | None = None
         """Function of the receiving node that takes a message; None if it does not listen"""
-        self.source: Source | None = None
+        self.source: TopicSource | None = None
         """Source of the giving node's messages"""
 
     def give(self, data: bytes) -> None:
@@ -299,7 +299,7 @@ class Input:
             self._unheard.add(topic)
 
 
-def message_class(source: Source, by: str) -> type:
+def message_class(source: TopicSource, by: str) -> type:
     """Class of the messages of a source, which the parameter `by` names.
 
     Raises:
@@ -319,7 +319,7 @@ def message_class(source: Source, by: str) -> type:
     return found
 
 
-def installed_types(source: Source, by: str) -> Typestore:
+def installed_types(source: TopicSource, by: str) -> Typestore:
     """Definitions of the type of a source and of all types in it, as they are installed.
 
     Raises:

@@ -23,7 +23,7 @@ from knee_contact_ros.node.diagnostics import Health
 from knee_contact_ros.node.inputs import HandedInputs, HandOver
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, RecordedKnee
 from knee_contact_ros.streams.pairing import PairedSample

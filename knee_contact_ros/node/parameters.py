@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import Declaration, NodeSection
+from knee_contact_ros.parameters.sections import Declaration, NodeSection
 from knee_contact_ros.system.errors import UsageError
 
 if TYPE_CHECKING:

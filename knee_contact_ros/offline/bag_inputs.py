@@ -14,8 +14,9 @@ from rosbags.typesys.store import Typestore
 from knee_contact_ros.bags.columns import Batch
 from knee_contact_ros.bags.provenance import is_recording
 from knee_contact_ros.bags.reader import NAMESPACE, BagReader, Names, absolute
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.parameters.sources import Source
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.sources import TopicSource
 from knee_contact_ros.streams.conversion import converters, store_of
 from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
 from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
@@ -113,7 +114,7 @@ class BagInputs:
             f"channels {' and '.join(map(str, channels))} of the bag" if len(channels) > 1 else ""
         )
 
-    def _types(self, source: Source, by: str) -> Typestore:
+    def _types(self, source: TopicSource, by: str) -> Typestore:
         try:
             return store_of(self.reader.definition(absolute(source.topic)), source.type)
         except Exception as error:  # whatever a foreign definition provokes

@@ -23,7 +23,7 @@ from knee_contact_ros.offline.solve import (
     recorded,
     recording_of,
 )
-from knee_contact_ros.parameters.schema import LoadParameters, PersonSection
+from knee_contact_ros.parameters.load_schema import LoadParameters, PersonSection
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer

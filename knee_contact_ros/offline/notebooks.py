@@ -22,7 +22,7 @@ from knee_contact_ros.offline.estimate_load import load_parameters_for
 from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of, weight_doubt
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.files import Source, dotted
+from knee_contact_ros.parameters.files import ParameterSource, dotted
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Records, Results
 from knee_contact_ros.streams.contact_pipeline import compartments_of
@@ -46,7 +46,7 @@ ARGUMENTS = (
 
 def solve(
     bag: Name | None = None,
-    params: Source | None = None,
+    params: ParameterSource | None = None,
     values: Mapping[str, Any] | None = None,
     *,
     subject: Name | None = None,
@@ -135,7 +135,7 @@ def _models(basis: Parameters | Provenance) -> list[KneeModel]:
 
 def solve_inputs(
     bag: Name | None,
-    params: Source | None,
+    params: ParameterSource | None,
     values: Mapping[str, Any] | None,
     subject: Name | None,
     remap: Mapping[str, str] | None,

@@ -36,20 +36,16 @@ from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_t
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import (
-    Source,
+    ParameterSource,
     all_values,
     curve_texts,
     dotted,
     first_error,
     load_parameters,
 )
-from knee_contact_ros.parameters.schema import (
-    LoadParameters,
-    Parameters,
-    Section,
-    constants_of,
-    has_both,
-)
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters, constants_of, has_two_compartments
+from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
@@ -115,7 +111,7 @@ def solve(
             pipeline.frame.is_known, pipeline.is_lost = True, recording.ticks_before > 0
         elif parameters.frame.tibia:
             learn_transforms(bag, pipeline.frame)
-        topics = recorded_topics(has_both(parameters))
+        topics = recorded_topics(has_two_compartments(parameters))
         recorder = opened.enter_context(
             recording_of(bag, output, overwrite, topics, parameters, curves)
         )
@@ -326,7 +322,7 @@ FEMORAL_SHARE = 9.3014 / 75.16
 
 def basis_of(
     bag: Path,
-    params: Source | None,
+    params: ParameterSource | None,
     values: Mapping[str, Any],
     person: Subject | None,
     namespace: str = "",

@@ -20,15 +20,12 @@ from pydantic import ValidationError
 from knee_contact_ros.joint_reaction.compartments import ShareTable
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.schema import (
-    LATERAL,
-    Declaration,
-    NodeSection,
+    LATERAL_PREFIX,
     Parameters,
-    Section,
-    declaration_of,
-    has_both,
+    has_two_compartments,
     lateral_knee,
 )
+from knee_contact_ros.parameters.sections import Declaration, NodeSection, Section, declaration_of
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import (
     find_file,
@@ -45,14 +42,14 @@ from knee_contact_ros.system.ros_files import (
     values_for,
 )
 
-ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
+_ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
 """Largest number of characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has, besides QoS overrides (`qos_overrides.…`)."""
-LARGEST = 2**20
+_MAX_SIZE = 2**20
 """Largest size of a file that a parameter names [B], and of its text [characters]"""
-MOST_POINTS = 2000
+_MAX_POINTS = 2000
 """Largest number of rows of such a file; the curves of this package have 120.
 
 With 2000 points, those of a condyle are 0.05 mm apart. The memory for building a profile grows with the square of their
@@ -62,11 +59,11 @@ SHARE_FILE = "load.share_file"
 """Parameter that names the file with a table of shares"""
 SHARE_COLUMNS = ("flexion_angle", "axial_load", "medial_share")
 """Columns of that file, in rad, body weights and 1"""
-Part = NodeSection | Mapping[str, Any] | str | Path
-Source = Part | Sequence[Part]
+ParameterPart = NodeSection | Mapping[str, Any] | str | Path
+ParameterSource = ParameterPart | Sequence[ParameterPart]
 """Source of parameters: a file, a mapping, or several of these; later ones override earlier ones"""
-Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
-P = TypeVar("P", bound=NodeSection)
+_Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
+_Schema = TypeVar("_Schema", bound=NodeSection)
 
 
 @cache  # to collect them takes longer than to check values
@@ -99,16 +96,19 @@ def flat_parameters(parameters: NodeSection) -> dict[str, Any]:
     return {
         name: value
         for name, value in values.items()
-        if not name.startswith(LATERAL) or value != values[name.removeprefix(LATERAL)]
+        if not name.startswith(LATERAL_PREFIX)
+        or value != values[name.removeprefix(LATERAL_PREFIX)]
     }
 
 
 @overload
-def load_parameters(source: Source, *, namespace: str = "") -> Parameters: ...
+def load_parameters(source: ParameterSource, *, namespace: str = "") -> Parameters: ...
 
 
 @overload
-def load_parameters(source: Source, schema: type[P], namespace: str = "") -> P: ...
+def load_parameters(
+    source: ParameterSource, schema: type[_Schema], namespace: str = ""
+) -> _Schema: ...
 
 
 def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") -> Any:
@@ -146,7 +146,7 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
                 add_sections(of_nodes, part)
                 given = _own_values(of_nodes, "the mapping", schema, namespace)
             else:
-                raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
+                raise UsageError(f"parameters: {shortened(repr(part))} is not allowed; {_ALLOWED}")
             merged, sections = merged | given, {}
             before = merged
         for bone in ("femur", "tibia"):
@@ -177,7 +177,7 @@ def values_set_in(
         near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
         reason = f"there is no such file, and it is not one of the package's own ({', '.join(shipped.values())})"
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
-        raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
+        raise UsageError(f"{shortened(str(name))}: cannot read the parameter file: {reason}")
     values = _own_values(read_sections(path), str(name), schema, namespace)
     _validated(values, f"{name}: ", schema)
     return values
@@ -216,7 +216,7 @@ def check_used(sections: Collection[str], name: str, nodes: Sequence[str], hint:
         UsageError: none is; the error ends with `hint`.
     """
     if sections and not any(matches_node(each, node) for each in sections for node in nodes):
-        wanted, found = " or ".join(node[1:] for node in nodes), short(", ".join(sections))
+        wanted, found = " or ".join(node[1:] for node in nodes), shortened(", ".join(sections))
         raise UsageError(f"{name}: no parameters for node {wanted}; found {found}{hint}")
 
 
@@ -278,7 +278,7 @@ def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Param
     )
 
 
-def _validated(values: Mapping[str, Any], where: str, schema: type[P]) -> P:
+def _validated(values: Mapping[str, Any], where: str, schema: type[_Schema]) -> _Schema:
     """Parameters from dotted values, checked each alone and in combination; errors begin with `where`."""
     return _checked(_nested(values, where, schema), where, schema)
 
@@ -290,11 +290,13 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
-            near = difflib.get_close_matches(short(name), known, n=1, cutoff=0.5)
-            names = [one for one in known if not one.startswith(LATERAL)]
-            names += [f"{LATERAL}* (as for femur, tibia and contact)"] * (len(names) < len(known))
+            near = difflib.get_close_matches(shortened(name), known, n=1, cutoff=0.5)
+            names = [one for one in known if not one.startswith(LATERAL_PREFIX)]
+            names += [f"{LATERAL_PREFIX}* (as for femur, tibia and contact)"] * (
+                len(names) < len(known)
+            )
             hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(names)}"
-            raise UsageError(f"{where}unknown parameter {short(name)}; {hint}")
+            raise UsageError(f"{where}unknown parameter {shortened(name)}; {hint}")
         *sections, inner = name.split(".")
         place = nested
         for section in sections:
@@ -303,7 +305,9 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
     return nested
 
 
-def _checked(nested: Mapping[str, Any], where: str, schema: type[P], together: bool = True) -> P:
+def _checked(
+    nested: Mapping[str, Any], where: str, schema: type[_Schema], together: bool = True
+) -> _Schema:
     """Parameters from values by section and name, checked each alone and, `together`, in combination."""
     try:
         parameters = schema.model_validate(nested)
@@ -321,10 +325,10 @@ def first_error(error: ValidationError) -> str:
     reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
     if first["type"] in ("missing", "extra_forbidden"):
         return f"{name}: {'is missing' if first['type'] == 'missing' else 'is not known'}"
-    return f"{name}: {short(repr(first['input']))} is not allowed; {reason}"
+    return f"{name}: {shortened(repr(first['input']))} is not allowed; {reason}"
 
 
-def short(text: str) -> str:
+def shortened(text: str) -> str:
     """Cut a text to the length that an error can show."""
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
@@ -335,7 +339,7 @@ def short(text: str) -> str:
 def curve_files(parameters: Parameters) -> dict[str, str]:
     """Names of the files that a computation with these parameters needs, by the parameter that names them."""
     names = {}
-    for before in ("", LATERAL) if has_both(parameters) else ("",):
+    for before in ("", LATERAL_PREFIX) if has_two_compartments(parameters) else ("",):
         knee = lateral_knee(parameters) if before else parameters
         for bone, surface in (("femur", knee.femur), ("tibia", knee.tibia)):
             if surface.geometry == "profile":
@@ -365,9 +369,9 @@ def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
     `texts` has the contents of the files of both compartments by parameter.
     """
     own = {
-        name.removeprefix(LATERAL): text
+        name.removeprefix(LATERAL_PREFIX): text
         for name, text in texts.items()
-        if name.startswith(LATERAL)
+        if name.startswith(LATERAL_PREFIX)
     }
     shared = {name: text for name, text in texts.items() if name.startswith("translation.")}
     return shared | own
@@ -381,7 +385,7 @@ def read_curve(by: str, name: str) -> str:
     """
     path = find_file(name)
     try:
-        return read_regular(path, LARGEST).decode(
+        return read_regular(path, _MAX_SIZE).decode(
             "utf-8-sig"
         )  # spreadsheets put a mark before the first letter
     except OSError as error:
@@ -392,7 +396,7 @@ def read_curve(by: str, name: str) -> str:
         ) from None
 
 
-def curve_points(by: str, name: str, text: str) -> Columns:
+def curve_points(by: str, name: str, text: str) -> _Columns:
     """Read the two columns of a curve, each of shape (n,), from the text of the file that a parameter names.
 
     Those of `translation.table` are flexion_angle [rad], x [m]; those of a profile x, y [m].
@@ -429,9 +433,9 @@ def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray
 
     Comments begin with #; the first line may have the names of the columns. Further columns are ignored.
     """
-    if len(text) > LARGEST:
+    if len(text) > _MAX_SIZE:
         raise UsageError(
-            f"parameter {by}: {name} has {len(text)} characters; at most {LARGEST} are allowed"
+            f"parameter {by}: {name} has {len(text)} characters; at most {_MAX_SIZE} are allowed"
         )
     rows = [
         line.split(",")[: len(columns)]
@@ -440,9 +444,9 @@ def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray
     ]
     if rows and tuple(map(str.strip, rows[0])) == columns:
         del rows[0]
-    if len(rows) > MOST_POINTS:
+    if len(rows) > _MAX_POINTS:
         raise UsageError(
-            f"parameter {by}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed"
+            f"parameter {by}: {name} has {len(rows)} points; at most {_MAX_POINTS} are allowed"
         )
     try:
         numbers = np.array(rows, dtype=float).reshape(len(rows), len(columns))

@@ -9,7 +9,7 @@ from functools import cache
 from typing import NamedTuple
 
 JOINT_STATE, WRENCH_STAMPED = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
-UNITS = {
+FIELD_UNITS = {
     JOINT_STATE: {
         "rad": 1.0,
         "deg": math.pi / 180.0,
@@ -35,15 +35,18 @@ DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = (
 """Joint states of ros2_control: name of the topic, and its type"""
 ON_ARRIVAL = "on arrival"
 """Words after a source whose messages have no stamp, or a wrong one; they get the time of their arrival"""
-FORM = f"TOPIC, or TOPIC TYPE FIELD [UNIT], such as /encoder exo_msgs/Joint knee.angle deg; then perhaps {ON_ARRIVAL}"
+SOURCE_FORM = (
+    "TOPIC, or TOPIC TYPE FIELD [UNIT], such as /encoder exo_msgs/Joint knee.angle deg; "
+    f"then perhaps {ON_ARRIVAL}"
+)
 """Form of the text of a source"""
-SOURCE = re.compile(
+_SOURCE = re.compile(
     rf"([~/\w*]+)(?:[:,]?\s+(\w+(?:/msg)?/\w+)[:,]?\s+(\S.*?))??(\s+{ON_ARRIVAL})?"
 )
-FIELD = re.compile(r"([+-]?)((?:\w+(?:\[\d+\])*)(?:\.\w+(?:\[\d+\])*)*)(?:\s+(\S+))?")
+_FIELD = re.compile(r"([+-]?)((?:\w+(?:\[\d+\])*)(?:\.\w+(?:\[\d+\])*)*)(?:\s+(\S+))?")
 
 
-class Field(NamedTuple):
+class MessageNumber(NamedTuple):
     """A number in messages of some type."""
 
     path: tuple[str | int, ...]
@@ -52,46 +55,48 @@ class Field(NamedTuple):
     """Factor to rad, N, m or N m, with the sign"""
 
 
-class Source(NamedTuple):
+class TopicSource(NamedTuple):
     """Topic of an input, and the form of its messages."""
 
     topic: str
     """Name of the topic; `*` matches any text"""
     type: str
     """Full name of the type, like `geometry_msgs/msg/Vector3Stamped`"""
-    fields: tuple[Field, ...]
+    fields: tuple[MessageNumber, ...]
     """Fields with the numbers; none if the message is of the input's own type"""
     on_arrival: bool
     """Whether messages are stamped with the time of their arrival"""
 
 
 @cache
-def source_of(text: str, own_type: str) -> Source:
+def source_of(text: str, own_type: str) -> TopicSource:
     """Source that a text describes; without a type its messages are of the input's `own_type`.
 
     Raises:
         ValueError: the text does not describe a source, or its unit does not fit angles or forces.
     """
-    match = SOURCE.fullmatch(text.strip())
+    match = _SOURCE.fullmatch(text.strip())
     if not match:
-        raise ValueError(f"allowed: {FORM}")
+        raise ValueError(f"allowed: {SOURCE_FORM}")
     topic, kind, fields, arrival = match.groups()
     if not kind:
         is_dynamic = own_type == JOINT_STATE and topic.rsplit("/", 1)[-1] == DYNAMIC_JOINT_STATES
-        return Source(topic, DYNAMIC_JOINT_STATE if is_dynamic else own_type, (), bool(arrival))
+        return TopicSource(
+            topic, DYNAMIC_JOINT_STATE if is_dynamic else own_type, (), bool(arrival)
+        )
     package, name = kind.split("/")[0], kind.split("/")[-1]
-    return Source(
+    return TopicSource(
         topic,
         f"{package}/msg/{name}",
-        tuple(_field(each, UNITS[own_type]) for each in fields.split(",")),
+        tuple(_field(each, FIELD_UNITS[own_type]) for each in fields.split(",")),
         bool(arrival),
     )
 
 
-def _field(text: str, units: Mapping[str, float]) -> Field:
-    match = FIELD.fullmatch(text.strip())
+def _field(text: str, units: Mapping[str, float]) -> MessageNumber:
+    match = _FIELD.fullmatch(text.strip())
     if not match:
-        raise ValueError(f"{text.strip()!r} is not a field; allowed: {FORM}")
+        raise ValueError(f"{text.strip()!r} is not a field; allowed: {SOURCE_FORM}")
     sign, path, unit = match.groups()
     try:
         factor = units[unit] if unit in units else float(unit or 1.0)
@@ -103,4 +108,4 @@ def _field(text: str, units: Mapping[str, float]) -> Field:
         raise ValueError(f"a factor of {unit} is not allowed")
     steps = re.findall(r"\w+(?![\w\]])|\[\d+\]", path)
     places = tuple(int(step[1:-1]) if step.startswith("[") else step for step in steps)
-    return Field(places, -factor if sign == "-" else factor)
+    return MessageNumber(places, -factor if sign == "-" else factor)

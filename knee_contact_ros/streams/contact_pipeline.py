@@ -36,8 +36,18 @@ from knee_contact_ros.model.types import (
     answer_struct,
 )
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
-from knee_contact_ros.parameters.files import Source, curve_texts, lateral_texts, load_parameters
-from knee_contact_ros.parameters.schema import KneeSection, Parameters, has_both, lateral_knee
+from knee_contact_ros.parameters.files import (
+    ParameterSource,
+    curve_texts,
+    lateral_texts,
+    load_parameters,
+)
+from knee_contact_ros.parameters.schema import (
+    KneeSection,
+    Parameters,
+    has_two_compartments,
+    lateral_knee,
+)
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.frames import ForceFrame, Transform, encode_transform
 from knee_contact_ros.streams.messages import (
@@ -298,7 +308,7 @@ class ContactPipeline(Pipeline):
 
 
 def load_model(
-    source: Source = DEFAULT_PARAMETERS,
+    source: ParameterSource = DEFAULT_PARAMETERS,
     *,
     compiled: bool | None = None,
     curves: Mapping[str, str] = MappingProxyType({}),
@@ -442,7 +452,7 @@ def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[C
 
 def half_spacing(parameters: Parameters) -> float:
     """Distance [m] of the compartments from the middle of the tibia; 0 if there is only one."""
-    return 0.5 * parameters.load.compartment_spacing if has_both(parameters) else 0.0
+    return 0.5 * parameters.load.compartment_spacing if has_two_compartments(parameters) else 0.0
 
 
 def summed_wrench(rows: Sequence[bytes]) -> bytes:

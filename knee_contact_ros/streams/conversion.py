@@ -1,4 +1,4 @@
-"""Conversion of messages of any type to joint states and wrenches for the pipelines, as a `Source` describes.
+"""Conversion of messages of any type to joint states and wrenches for the pipelines, as a `TopicSource` describes.
 
 A `Converter` reads a message by the definition of its type: the installed one live, the bag's offline. The code is the
 same, and so are the bits. The usual inputs need no converter and cost nothing.
@@ -13,13 +13,14 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodet
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.sources import (
     DYNAMIC_JOINT_STATE,
     JOINT_STATE,
     ON_ARRIVAL,
-    Field,
-    Source,
+    MessageNumber,
+    TopicSource,
 )
 from knee_contact_ros.streams import messages
 from knee_contact_ros.streams.columns import BYTES, FIXED
@@ -27,7 +28,7 @@ from knee_contact_ros.streams.messages import JointState, RefusedSampleError, Wr
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, types_in, typestore
 from knee_contact_ros.system.errors import UsageError, list_names
 
-Types = Callable[[Source, str], Typestore]
+Types = Callable[[TopicSource, str], Typestore]
 """Returns the definitions of a source's type and of all types in it; errors name the given parameter"""
 Convert = Callable[[bytes, int], bytes]
 """Converts the bytes of a message that arrived at a time [ns] to those of the message for a pipeline"""
@@ -92,7 +93,7 @@ class Converter:
     """Converter of the messages of a source; see `converters`."""
 
     def __init__(
-        self, source: Source, by: str, types: Types, joints: Sequence[str], body: Body
+        self, source: TopicSource, by: str, types: Types, joints: Sequence[str], body: Body
     ) -> None:
         """Prepare to read the messages of a source, which the parameter `by` describes.
 
@@ -176,7 +177,7 @@ def converters(
     """
     angles, forces = parameters.inputs()
     joints, body = list(parameters.joints().values()), Body(parameters)
-    is_usual = angles == Source(angles.topic, JOINT_STATE, (), on_arrival=False)
+    is_usual = angles == TopicSource(angles.topic, JOINT_STATE, (), on_arrival=False)
     return (
         None
         if is_usual and not body.has_id
@@ -198,7 +199,7 @@ def store_of(definition: MessageDefinition, type_name: str) -> Typestore:
     return store
 
 
-def number_at(message: Any, field: Field, source: Source) -> float:
+def number_at(message: Any, field: MessageNumber, source: TopicSource) -> float:
     """Number that a field has in a message, in rad, m, N or N m.
 
     Raises:
@@ -216,14 +217,14 @@ def number_at(message: Any, field: Field, source: Source) -> float:
     return field.factor * float(value)
 
 
-def written(field: Field) -> str:
+def written(field: MessageNumber) -> str:
     """Path of a field as in a parameter."""
     return "".join(
         f"[{step}]" if isinstance(step, int) else f".{step}" for step in field.path
     ).removeprefix(".")
 
 
-def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
+def check_path(store: Typestore, type_name: str, field: MessageNumber, by: str) -> None:
     """Check that messages of a type have a number at the path of a field.
 
     Raises:

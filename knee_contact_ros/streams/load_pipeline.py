@@ -27,7 +27,7 @@ from knee_contact_ros.joint_reaction.leg import (
 )
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.parameters.schema import (
+from knee_contact_ros.parameters.load_schema import (
     ActuatedJoint,
     GroundForce,
     LoadParameters,

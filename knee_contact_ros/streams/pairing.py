@@ -25,7 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import NANOSECOND, Status
-from knee_contact_ros.parameters.schema import LoadParameters, PairingSection, Parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.sections import PairingSection
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import (
     JOINT_STATE,

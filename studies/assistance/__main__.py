@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks.report import machine
 from knee_contact_ros import load_model
 from knee_contact_ros.commands.demo import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.system.files import share_folder
 from studies.assistance.walks import (
@@ -150,7 +150,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     middle, best = forces[:, 1], int(forces[:, 1].argmin())
     parameters, (more, higher) = person(), with_more_co_contraction()
     weight, level = parameters.person.constants.weight, parameters.chosen_level
-    deviation = LEVELS[level].uncalibrated
+    deviation = LOAD_LEVELS[level].uncalibrated
     recorded, _ = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
     numbers = {
         "machine": machine(),

@@ -17,7 +17,7 @@ from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     JOINT_STATES,

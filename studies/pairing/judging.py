@@ -10,7 +10,7 @@ from operator import attrgetter
 from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.schema import PairingSection
+from knee_contact_ros.parameters.sections import PairingSection
 from knee_contact_ros.streams.pairing import AngleSample, LoadSample, PairedSample, Synchroniser
 from studies.pairing.world import (
     ANGLE,

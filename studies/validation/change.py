@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from studies.validation.data import Floats, Walk
 from studies.validation.total import DEFAULT, LANDING, MIDDLE, axial, constants, fitted
 
@@ -55,22 +55,22 @@ def peaks(walk: Walk, force: Floats) -> Floats:
 
 def right(walks: Sequence[Walk]) -> dict[str, tuple[float, float, int, int]]:
     """Parts of the changes at first and second peaks whose sign is right, and how many were asked for, by level."""
-    found: dict[str, list[list[float]]] = {level: [[], []] for level in LEVELS}
+    found: dict[str, list[list[float]]] = {level: [[], []] for level in LOAD_LEVELS}
     for name in dict.fromkeys(walk.person.name for walk in walks):
         own = [walk for walk in walks if walk.person.name == name]
         others = [walk for walk in walks if walk.person.name != name]
         own_values = fitted(own, ["ankle_moment"])
-        values = fitted(others, list(LEVELS), DEFAULT.moment_arm_scale)
+        values = fitted(others, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
         for walk in own:
             truly, guessed = constants(walk, own_values), constants(walk, values)
             before = axial(walk, "ankle_moment", truly)
-            alone = {level: peaks(walk, axial(walk, level, guessed)) for level in LEVELS}
+            alone = {level: peaks(walk, axial(walk, level, guessed)) for level in LOAD_LEVELS}
             for largest in TORQUES:
                 for timing in TIMINGS:
                     helped = assisted(walk, torque_of(walk, largest, timing))
                     changed = {
                         level: peaks(walk, axial(helped, level, guessed)) - alone[level]
-                        for level in LEVELS
+                        for level in LOAD_LEVELS
                     }
                     for habit in HABITS:
                         person = truly._replace(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import LOADED
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import (
     GRAVITY,
     UNKNOWN,
@@ -118,7 +118,7 @@ class Walk(NamedTuple):
             return self.moments
         if level == "knee_moment":
             return [net._replace(plantarflexion=UNKNOWN) for net in self.moments]
-        dynamics, leg = LEVELS[level].dynamics, self.leg
+        dynamics, leg = LOAD_LEVELS[level].dynamics, self.leg
         grounds = [Ground((0.0, force, 0.0), (UNKNOWN,) * 3) for force in self.vertical.tolist()]
         return [
             dynamics(leg, *each) for each in zip(self.joints, self.motions, grounds, strict=True)

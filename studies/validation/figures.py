@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from studies.reproduction.figures import DPI, GREEN, GREY, VERMILLION, panels
 from studies.validation.data import Walk
 from studies.validation.split import loads, rules
@@ -50,7 +50,7 @@ def draw(found: Sequence[Estimate], walks: Sequence[Walk], folder: Path) -> None
         for each in found:
             if each.walk is walk and each.how == OTHER_PERSON and each.level in LEVEL_STYLES:
                 colour, line = LEVEL_STYLES[each.level]
-                force, told = each.force[seen] / weight, LEVELS[each.level].uncalibrated
+                force, told = each.force[seen] / weight, LOAD_LEVELS[each.level].uncalibrated
                 grid[0, place].plot(
                     time[seen],
                     force,

@@ -7,7 +7,7 @@ from pathlib import Path
 from statistics import fmean
 
 from benchmarks.report import Section, words
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from studies.validation.change import right
 from studies.validation.data import Walk, of
 from studies.validation.movements import scores
@@ -60,7 +60,7 @@ def totals(found: Sequence[Estimate], how: str) -> dict[str, dict[str, float]]:
     """RMS errors [BW] of the total force by level and person."""
     return {
         level: by_person(chosen(found, level, how), lambda each: rms(each.walk, each.force))
-        for level in LEVELS
+        for level in LOAD_LEVELS
     }
 
 
@@ -80,7 +80,7 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
             ]
             rows.append([f"`{level}`", how, *both(errors), *told])
     rows.append(["line a + k F", OTHER_PERSON, *both(lines(walks)), "", ""])
-    together = fitted(walks, list(LEVELS), DEFAULT.moment_arm_scale)
+    together = fitted(walks, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
     values = ", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True))
     header = (
         "level",
@@ -92,7 +92,7 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
         "second peak, JW / PS",
     )
     sensed = []
-    for level in LEVELS:
+    for level in LOAD_LEVELS:
         own = [
             by_sensors(one.walk, level, one.values)
             for one in chosen(found, level, OTHER_PERSON)
@@ -109,8 +109,8 @@ def deviation_section(found: Sequence[Estimate]) -> Section:
     """Section on the standard deviations that are told."""
     rows = []
     for how in (OTHER_PERSON, OWN):
-        for level in LEVELS:
-            error, each = LEVELS[level], chosen(found, level, how)
+        for level in LOAD_LEVELS:
+            error, each = LOAD_LEVELS[level], chosen(found, level, how)
             told = error.uncalibrated if how == OTHER_PERSON else error.calibrated
             cells = []
             for stance in (True, False):

@@ -11,10 +11,10 @@ from scipy.optimize import least_squares
 
 from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimator
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Deviation, Estimator
 from knee_contact_ros.joint_reaction.leg import GRAVITY, UNKNOWN, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
-from knee_contact_ros.parameters.schema import PersonSection
+from knee_contact_ros.parameters.load_schema import PersonSection
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
 from studies.validation.data import SECOND, Flags, Floats, Walk
 
@@ -165,8 +165,8 @@ def estimates(walks: Sequence[Walk]) -> list[Estimate]:
     for walk in walks:
         others = [each for each in walks if each.person.name != walk.person.name]
         own = [each for each in walks if each.person.name == walk.person.name and each is not walk]
-        shared = fitted(others, list(LEVELS), DEFAULT.moment_arm_scale) if others else ()
-        for level in LEVELS:
+        shared = fitted(others, list(LOAD_LEVELS), DEFAULT.moment_arm_scale) if others else ()
+        for level in LOAD_LEVELS:
             ways = [(OTHER_PERSON, shared)] if others else []
             ways += [(OWN, fitted(own, [level]))] if own else []
             found += [

@@ -16,11 +16,11 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.live import replay
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import write_rosbag2
@@ -166,7 +166,7 @@ def test_the_table_says_the_level_the_parts_and_how_sure_it_is(
     assert sum(parts) == pytest.approx(
         forces["largest joint reaction"], abs=0.25
     )  # five numbers of one decimal
-    floor, part = LEVELS["ankle_moment"].uncalibrated
+    floor, part = LOAD_LEVELS["ankle_moment"].uncalibrated
     deviation = math.hypot(floor * 80.0 * GRAVITY, part * forces["largest joint reaction"])
     assert forces["standard deviation"] == pytest.approx(deviation, abs=0.1)  # one decimal
     assert rows["level"] == "ankle_moment"

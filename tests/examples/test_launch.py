@@ -20,7 +20,7 @@ from knee_contact_ros.parameters.files import (
     known_parameters,
     load_parameters,
 )
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.frames import ISB, isb_transform
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.system.files import PACKAGE, read_yaml, share_folder

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate, Estimator
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import (
     STANDING,
     UNKNOWN,
@@ -71,7 +71,7 @@ def test_the_weight_above_a_bent_knee_by_hand(
     flexion: float, force: float, extension: float
 ) -> None:
     under = Ground((0.0, force, 0.0), NOT_MEASURED)
-    found = LEVELS["ground_force"].dynamics(
+    found = LOAD_LEVELS["ground_force"].dynamics(
         LEG, Joints(flexion, UNKNOWN, UNKNOWN), STANDING_STILL, under
     )
     compression = max(force, 0.0) - 0.061 * 75.0 * 9.80665  # without shank and foot
@@ -80,7 +80,7 @@ def test_the_weight_above_a_bent_knee_by_hand(
     turning = STANDING_STILL._replace(
         flexion=Turning(3.0, 100.0)
     )  # half of it stopped by flexors, where nothing is borne
-    stopped = LEVELS["ground_force"].dynamics(
+    stopped = LOAD_LEVELS["ground_force"].dynamics(
         LEG, Joints(flexion, UNKNOWN, UNKNOWN), turning, under
     )
     inertia = (
@@ -102,7 +102,7 @@ def test_what_each_level_looks_at(draw: Random) -> None:
         """What is not a number, as a text."""
         return [
             each if math.isfinite(each) else "?"
-            for each in LEVELS[level].dynamics(LEG, joints, moving, sensed)
+            for each in LOAD_LEVELS[level].dynamics(LEG, joints, moving, sensed)
         ]
 
     bare = (
@@ -131,7 +131,7 @@ def test_what_each_level_looks_at(draw: Random) -> None:
     ("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)]
 )
 def test_what_is_passed_through_and_how_far_it_is_trusted(level: str, number: int) -> None:
-    weight, error = 75.0 * 9.80665, LEVELS[level]
+    weight, error = 75.0 * 9.80665, LOAD_LEVELS[level]
     for calibrated, measured in ((False, error.uncalibrated), (True, error.calibrated)):
         for given_deviation, floor, part in (
             (0.0, measured.floor, measured.part),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.load_pipeline import joints_of, leg_sample
 from knee_contact_ros.streams.messages import JointState, decode_joint_state, encode_joint_state
 

@@ -16,7 +16,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.estimate_load import ESTIMATE, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 

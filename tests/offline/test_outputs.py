@@ -15,7 +15,7 @@ from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.walking import ANGLES, FORCE, walk, walking_bag

@@ -16,7 +16,7 @@ from knee_contact_ros.bags.provenance import metadata_of, read_provenance
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
 from knee_contact_ros.streams.frames import FORCE_TURNED, TF_MESSAGE, TF_STATIC
 from knee_contact_ros.streams.topics import MESSAGE_TYPES

@@ -109,7 +109,7 @@ def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
 def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    schema._instead_of_first_order.cache_clear()
+    schema._warn_first_order_removed.cache_clear()
     for _ in range(2):
         parameters = load_parameters({"fidelity.level": "first_order"})
     assert parameters.fidelity.level == "dynamic"

@@ -16,22 +16,18 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.parameters.files import (
-    LARGEST,
-    MOST_POINTS,
+    _MAX_POINTS,
+    _MAX_SIZE,
     check_file,
     flat_parameters,
     load_parameters,
     variations_of,
 )
-from knee_contact_ros.parameters.schema import (
-    LoadParameters,
-    NodeSection,
-    Parameters,
-    allowed_levels,
-    has_both,
-)
+from knee_contact_ros.parameters.load_schema import LoadParameters, allowed_levels
+from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
+from knee_contact_ros.parameters.sections import NodeSection
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import shipped_parameter_files
 from tests.helpers.recordings_of import recording_with
@@ -139,7 +135,9 @@ def told(made: Callable[[], Parameters]) -> str:
         parameters = made()
     except UsageError as error:
         return str(error)
-    return parameters.model_dump_json(exclude=None if has_both(parameters) else {"lateral"})
+    return parameters.model_dump_json(
+        exclude=None if has_two_compartments(parameters) else {"lateral"}
+    )
 
 
 def test_healthy_is_the_papers_table(config: Path) -> None:
@@ -202,9 +200,9 @@ def test_inputs_allow_levels_and_auto_is_the_last_of_them(
     inputs: dict[str, Any], allowed: int
 ) -> None:
     parameters = load(inputs)
-    assert allowed_levels(parameters) == list(LEVELS)[:allowed]
-    assert parameters.chosen_level == list(LEVELS)[allowed - 1]
-    for number, level in enumerate(LEVELS):
+    assert allowed_levels(parameters) == list(LOAD_LEVELS)[:allowed]
+    assert parameters.chosen_level == list(LOAD_LEVELS)[allowed - 1]
+    for number, level in enumerate(LOAD_LEVELS):
         if number < allowed:
             assert load(inputs | {"level": level}).chosen_level == level
             continue
@@ -213,7 +211,7 @@ def test_inputs_allow_levels_and_auto_is_the_last_of_them(
         ) as caught:
             load(inputs | {"level": level})
         assert str(caught.value).endswith(
-            f"These inputs allow {', '.join(list(LEVELS)[:allowed])}"
+            f"These inputs allow {', '.join(list(LOAD_LEVELS)[:allowed])}"
         )
 
 
@@ -505,11 +503,11 @@ def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(
         with pytest.raises(UsageError, match=f"parameter {parameter}: cannot read"):
             knee_contact_ros.load_model(naming(NAMED[parameter], no_file))
     path = tmp_path / "curve.csv"
-    path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(MOST_POINTS + 1)))
-    words = f"parameter {parameter}: .* has {MOST_POINTS + 1} points; at most {MOST_POINTS} are allowed"
+    path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(_MAX_POINTS + 1)))
+    words = f"parameter {parameter}: .* has {_MAX_POINTS + 1} points; at most {_MAX_POINTS} are allowed"
     with pytest.raises(UsageError, match=words):
         knee_contact_ros.load_model(naming(NAMED[parameter], path))
-    path.write_text("#" * (LARGEST + 1))
+    path.write_text("#" * (_MAX_SIZE + 1))
     with pytest.raises(UsageError, match="longer than"):
         knee_contact_ros.load_model(naming(NAMED[parameter], path))
 

@@ -22,7 +22,7 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED

@@ -13,7 +13,8 @@ from xml.etree import ElementTree as ET
 import psutil
 import pytest
 
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.files import share_folder
 from tests.ros.conftest import PATIENCE, Peer, Start
 

@@ -13,10 +13,10 @@ from knee_contact_ros.msg import LoadEstimate
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.load_pipeline import LoadPipeline, encode_estimate
 from knee_contact_ros.streams.messages import (
     WRENCH,
@@ -271,7 +271,7 @@ def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
 
 
 def test_constants_are_those_of_the_package() -> None:
-    for name, way in LEVELS.items():
+    for name, way in LOAD_LEVELS.items():
         assert getattr(LoadEstimate, name.upper()) == way.level
     known = [bit for bit in Status if hasattr(LoadEstimate, bit.name or "")]
     assert [getattr(LoadEstimate, bit.name or "") for bit in known] == known

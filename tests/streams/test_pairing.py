@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.schema import PairingSection
+from knee_contact_ros.parameters.sections import PairingSection
 from knee_contact_ros.streams.pairing import (
     AngleSample,
     LoadSample,

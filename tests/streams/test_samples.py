@@ -11,7 +11,8 @@ import pytest
 from knee_contact_ros.joint_reaction.leg import Joints
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import GroundForce, KneeSection, LoadParameters
+from knee_contact_ros.parameters.load_schema import GroundForce, LoadParameters
+from knee_contact_ros.parameters.schema import KneeSection
 from knee_contact_ros.streams.contact_pipeline import angle_sample, load_sample
 from knee_contact_ros.streams.load_pipeline import (
     LARGEST_TORQUE,

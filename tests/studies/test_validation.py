@@ -14,8 +14,8 @@ from tests import ROOT
 pytest.importorskip("tabulate", reason="the studies' tables")
 
 from benchmarks.report import save
-from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.parameters.schema import PersonSection
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
+from knee_contact_ros.parameters.load_schema import PersonSection
 from studies.validation.__main__ import main
 from studies.validation.data import PERSONS, Walk, missed, near, runs, walks
 from studies.validation.movements import CYCLES, scores
@@ -73,7 +73,7 @@ def test_defaults_of_one_person_hold_for_the_other(
     assert means["knee_moment"] <= 0.29
     assert means["ankle_moment"] <= 0.286
     assert means["ground_force"] < fmean(lines(measured).values()) - 0.05
-    together = fitted(measured, list(LEVELS), DEFAULT.moment_arm_scale)
+    together = fitted(measured, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
     assert [getattr(PersonSection(), name) for name in FREE] == pytest.approx(together, abs=0.01)
 
 

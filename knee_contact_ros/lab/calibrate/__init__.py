@@ -32,7 +32,8 @@ from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for
 from knee_contact_ros.parameters.files import load_parameters, parameter_text
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError

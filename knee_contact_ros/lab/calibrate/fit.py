@@ -36,7 +36,7 @@ from scipy.stats import chi2, f, qmc
 
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import all_values, known_parameters
-from knee_contact_ros.parameters.schema import Declaration, NodeSection
+from knee_contact_ros.parameters.sections import Declaration, NodeSection
 from knee_contact_ros.system.errors import UsageError, suggest
 from knee_contact_ros.system.progress import OnProgress
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader, Names, others_beside
-from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimator
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
@@ -38,7 +38,8 @@ from knee_contact_ros.parameters.files import (
     known_parameters,
     load_parameters,
 )
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.contact_pipeline import load_sample
 from knee_contact_ros.streams.load_pipeline import Sensed
@@ -591,5 +592,5 @@ def _net_moments(level: str, person: Person, samples: Sequence[Sensed]) -> tuple
     """Compute the net moments at knee and ankle of a person at every sample."""
     leg = leg_of(person.mass, person.height)
     return tuple(
-        LEVELS[level].dynamics(leg, each.joints, each.motion, each.ground) for each in samples
+        LOAD_LEVELS[level].dynamics(leg, each.joints, each.motion, each.ground) for each in samples
     )

@@ -18,7 +18,7 @@ from knee_contact_ros.lab.report.runs import CURVES, FIRST, PERCENT, SECOND, Qua
 from knee_contact_ros.lab.uncertainty import LEVEL
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.parameters.schema import Parameters, has_both
+from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.view import picture
@@ -164,7 +164,8 @@ def which_load(parameters: Parameters) -> str:
         "measured_share": f"the share of the axial joint reaction that {parameters.load.share_file} has",
         "fixed_share": f"{parameters.load.share:g} of the axial joint reaction",
     }
-    return f"medial compartment: {parts[parameters.load.rule]}{'; lateral: the rest' * has_both(parameters)}"
+    lateral = "; lateral: the rest" if has_two_compartments(parameters) else ""
+    return f"medial compartment: {parts[parameters.load.rule]}{lateral}"
 
 
 def pressure_of(run: Run) -> str:

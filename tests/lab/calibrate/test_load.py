@@ -13,7 +13,7 @@ from knee_contact_ros import UsageError, calibrate, estimate_load
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.calibrate import bags_in
 from knee_contact_ros.parameters.files import load_parameters, values_set_in
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, trial, write_sensors
 
 AXIAL, TONE = "axial_force", "person.tone"

@@ -1,0 +1,222 @@
+"""How parameters are declared: rules for values, and the sections that both nodes have.
+
+A parameter is an attribute of a section: its type, default and limits, and below it its unit and meaning.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+from knee_contact_ros.parameters.sources import (
+    JOINT_STATE,
+    SOURCE_FORM,
+    WRENCH_STAMPED,
+    TopicSource,
+    source_of,
+)
+
+
+@dataclass(frozen=True)
+class AllowedValues(AfterValidator):
+    """Rule for the values of a parameter; pydantic checks it after the type."""
+
+    words: str
+    """What is allowed"""
+
+
+def allowed_if(allows: Callable[[Any], bool], words: str) -> AllowedValues:
+    """Rule that allows some values, described by `words`."""
+
+    def check(value: Any) -> Any:
+        if not allows(value):
+            raise ValueError(f"allowed: {words}")
+        return value
+
+    return AllowedValues(check, words)
+
+
+def one_of(*allowed: str | float) -> AllowedValues:
+    """Rule that allows these values only."""
+    return allowed_if(allowed.__contains__, ", ".join(map(str, allowed)))
+
+
+def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> AllowedValues:
+    """Rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
+    return allowed_if(
+        lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}"
+    )
+
+
+class Declaration(NamedTuple):
+    """Declaration of a parameter."""
+
+    default: Any
+    description: str
+    least: float
+    """Smallest number, itself allowed unless `words` say otherwise; -inf if there is none, or for a text"""
+    most: float
+    """Largest number, itself allowed unless `words` say otherwise; inf if there is none, or for a text"""
+    words: str
+    """Limits beyond these numbers: a list, an open end, a gap; empty if there are none"""
+
+    @property
+    def unit(self) -> str:
+        """Unit with which the description begins, as `[m]`; empty if there is none."""
+        return self.description[1:].partition("]")[0] if self.description.startswith("[") else ""
+
+
+def declaration_of(field: FieldInfo) -> Declaration:
+    """Declaration of a parameter: its limits are the rules in its annotation."""
+    least, most, words = -math.inf, math.inf, []
+    for allowed_if in field.metadata:
+        if isinstance(allowed_if, AllowedValues):
+            words.append(allowed_if.words)
+        least, most = (
+            getattr(allowed_if, "ge", least),
+            getattr(allowed_if, "le", most),
+        )  # the rules of annotated_types
+        if hasattr(allowed_if, "gt"):
+            least = allowed_if.gt
+            words.append(f"> {least:g}")
+        if hasattr(allowed_if, "lt"):
+            most = allowed_if.lt
+            words.append(f"< {most:g}")
+    return Declaration(
+        field.default, " ".join((field.description or "").split()), least, most, "; ".join(words)
+    )
+
+
+class Section(BaseModel):
+    """Group of parameters; names and types are strict, numbers finite."""
+
+    model_config = ConfigDict(
+        strict=True,
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+    )
+
+
+class NodeSection(Section):
+    """All parameters of a node."""
+
+    node: ClassVar[str]
+    """Name of the node"""
+    folder: ClassVar[str] = ""
+    """Folder of the package's own parameter files for the node, within `config`"""
+    force_source: ClassVar[str]
+    """Name of the parameter for the source of the forces"""
+    usual_forces: ClassVar[str]
+    """Its default: the name of the usual topic"""
+
+    def problem(self) -> str:
+        """Return the first combination of values that is not allowed, as name and reason; empty if there is none."""
+        raise NotImplementedError
+
+    def problem_of_sources(self, needed: int, why: str) -> str:
+        """Report a wrong number of fields. Forces need `needed` fields because of `why`."""
+        joints, (first, second) = self.joints(), self.inputs()
+        angles, forces = len(first.fields), len(second.fields)
+        if angles not in (0, len(joints)):
+            return f"knee.source: {angles} fields are not allowed; {', '.join(joints)} need {len(joints)}"
+        if forces not in (0, 1, 3, 6):
+            return f"{self.force_source}: {forces} fields are not allowed; a number, a force's three, or a wrench's six"
+        if 0 < forces < needed:
+            return f"{self.force_source}: {forces} fields are not allowed; {why} needs {needed}"
+        if first.topic == second.topic and first.type != second.type:
+            return f"knee.source: {first.topic} is also the topic of {self.force_source}, and a topic cannot have two "
+            "types"
+        return ""
+
+    def inputs(self) -> tuple[TopicSource, TopicSource]:
+        """Sources of the angles and of the forces."""
+        section, _, name = self.force_source.partition(".")
+        angles: str = self.knee.source  # type: ignore[attr-defined]  # every node has a knee
+        forces: str = getattr(getattr(self, section), name)
+        return source_of(angles, JOINT_STATE), source_of(forces, WRENCH_STAMPED)
+
+    def joints(self) -> dict[str, str]:
+        """Names of the joints that the node needs, by the parameters that give them."""
+        raise NotImplementedError
+
+
+_FRAME_RULE = "the name of a tf2 frame, without a slash before it"
+FrameName = Annotated[
+    str, allowed_if(lambda name: not name.startswith("/") and name != "_isb", _FRAME_RULE)
+]
+"""Name of a frame, which may be empty; `_isb` is only the suffix of a tibia frame"""
+# Without a type in their text, messages of a source are of the input's own type.
+AngleSource = Annotated[
+    str, AllowedValues(lambda text: source_of(text, JOINT_STATE) and text, SOURCE_FORM)
+]
+ForceSource = Annotated[
+    str, AllowedValues(lambda text: source_of(text, WRENCH_STAMPED) and text, SOURCE_FORM)
+]
+ANGLE_SOURCE_MEANING = (
+    "topic of the angles, of type JointState or dynamic_joint_states; "
+    "for another type, one field for each joint"
+)
+
+
+class PairingSection(Section):
+    """Pairing of angle and force samples by their stamps."""
+
+    wait: float = Field(0.1, ge=0.0, le=10.0)
+    """[s] how long a force waits for an angle at or after its stamp"""
+    max_gap: float = Field(0.1, gt=0.0, le=3600.0)
+    """[s] largest gap between stamps that is not flagged stale"""
+    angle_delay: float = Field(0.0, ge=-1.0, le=1.0)
+    """[s] how much later angles arrive than forces; their stamps are moved back by this"""
+    queue: int = Field(20_000, ge=100, le=10**7)
+    """largest number of samples of one stream that wait for the other"""
+
+
+class DiagnosticsSection(Section):
+    """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
+
+    angle_warn_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] warn if the angles are slower than this; 0: off"""
+    angle_error_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] report an error if the angles are slower than this; 0: off"""
+    force_warn_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] warn if the forces are slower than this; 0: off"""
+    force_error_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] report an error if the forces are slower than this; 0: off"""
+    timeout: float = Field(1.0, gt=0.0, le=3600.0)
+    """[s] an input is stale after this time without a message"""
+
+
+# A section of an output names the module that describes it: see `streams/output.py`.
+
+
+class RecordSection(Section):
+    """Recording to MCAP."""
+
+    output: ClassVar[str] = "knee_contact_ros.bags.recorder"
+
+    path: str = ""
+    """MCAP file to write; {stamp} in the name becomes the time; empty: do not record"""
+    flush_period: float = Field(0.03, ge=0.001, le=60.0)
+    """[s] period of writing to the file; a crash loses at most this much"""
+    sync_period: Annotated[float, off_or_at_least(0.05)] = Field(1.0, ge=0.0, le=3600.0)
+    """[s] period of syncing the disk; a power failure loses at most this much; 0: off"""
+    max_size: Annotated[float, off_or_at_least(0.1)] = Field(0.0, ge=0.0, le=1e9)
+    """[MB] start a new file at this size; 0: off"""
+    max_duration: Annotated[float, off_or_at_least(1.0)] = Field(0.0, ge=0.0, le=1e9)
+    """[s] start a new file after this span of stamps; 0: off"""
+    min_free: float = Field(100.0, ge=0.0, le=1e9)
+    """[MB] end the recording if the disk has less free space"""
+    snapshot: float = Field(10.0, ge=0.0, le=3600.0)
+    """[s] length of the snapshot that ~/save_snapshot writes, kept in memory, with at most record.queue answers and
+    record.queue_size MB (30 s at 1 kHz by default); 0: off"""
+    queue: int = Field(30_000, ge=100, le=10_000_000)
+    """largest number of answers that wait for the process of this output"""
+    queue_size: float = Field(100.0, ge=1.0, le=1e5)
+    """[MB] largest memory of waiting answers"""
