@@ -245,12 +245,12 @@ def fit_profile(mesh: Path, side: str, compartment: str, **others: Any) -> None:
     picture and a parameter file. MESH is an STL, PLY, OBJ, VTP or VTK file, points as text, or a label map (NIfTI,
     NRRD, MHA). It needs the extra mesh.
     """
-    from knee_contact_ros.lab.profiles import LABEL, run_fit_profile
+    from knee_contact_ros.lab.profiles import LABEL_WIDTH, ProfileOptions, run_fit_profile
     from knee_contact_ros.system.terminal import say
 
-    lines = run_fit_profile(mesh, femur=side == "femur", medial=compartment == "medial", **others)
-    for line in lines:
-        say(line, hang=LABEL)
+    options = ProfileOptions(mesh, femur=side == "femur", medial=compartment == "medial", **others)
+    for line in run_fit_profile(options):
+        say(line, hang=LABEL_WIDTH)
 
 
 @click.command()

@@ -14,7 +14,8 @@ from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles import picture
-from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, contact_centre, fit
+from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, fit
+from knee_contact_ros.lab.profiles.slices import contact_centre
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.mechanisms import hinge
 from knee_contact_ros.model.profiles import Profile

@@ -1,0 +1,203 @@
+"""Label maps, which hold a number for every voxel: nibabel reads NIfTI; NRRD and MetaImage have text headers.
+
+Every header says where the voxels lie in a scanner's axes. Ours are RAS: x to the right, y anterior, z superior.
+NRRD: https://teem.sourceforge.net/nrrd/format.html. MetaImage: https://itk.org/Wiki/MetaIO/Documentation; its axes are
+LPS, and a row of its TransformMatrix is the direction of an axis of the voxels.
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import math
+import re
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.model.types import Floats
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import open_regular
+
+_LARGEST_HEADER = 2**16
+"""Largest size of a text header [B]"""
+_NUMPY_TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
+"""NumPy types by the type names in headers, without `signed` and blanks; other names are the same in NumPy"""
+_DECODERS: dict[str, Callable[[bytes], bytes]] = {
+    "raw": bytes,
+    "gzip": gzip.decompress,
+    "gz": gzip.decompress,
+    "bzip2": bz2.decompress,
+    "bz2": bz2.decompress,
+    "zlib": zlib.decompress,
+}
+"""Functions that unpack the voxels, by the encodings in headers"""
+_NUMBER = re.compile(r"[-+0-9.eE]+")
+_LARGEST_VOXEL = 32
+"""Largest number of bytes of a voxel in a text; in other encodings it has fewer"""
+_MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
+"""Factors of units of length to mm"""
+
+
+class LabelMap(NamedTuple):
+    """Labels of voxels, and where the voxels lie."""
+
+    values: NDArray[Any]
+    """Shape (i, j, k)"""
+    affine: Floats
+    """Transforms indices of voxels to a scanner's RAS axes [mm], shape (4, 4)"""
+    lacks: str = ""
+    """What the header lacks to give the orientation; the affine is then in the voxels' own axes. Empty: nothing"""
+
+
+def read_label_map(path: Path) -> LabelMap:
+    """Read a label map; the suffix tells its kind.
+
+    Raises:
+        UsageError: the file cannot be read, or does not have three dimensions.
+    """
+    name = path.name.lower()
+    reader = next(reader for suffix, reader in LABEL_MAPS.items() if name.endswith(suffix))
+    try:
+        found = reader(path)
+    except Exception as error:  # nibabel raises its own, EOFError, zlib's and more
+        raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
+    values = found.values
+    if values.ndim > 3 and set(values.shape[3:]) == {1}:
+        values = values.reshape(values.shape[:3])
+    if values.ndim != 3 or not values.size or abs(np.linalg.det(found.affine)) < 1e-12:
+        raise UsageError(
+            f"{path}: its voxels have the shape {values.shape}; a map of three dimensions is needed"
+        )
+    return found._replace(values=values)
+
+
+def _read_nifti(path: Path) -> LabelMap:
+    import nibabel
+
+    image: Any = nibabel.load(path)
+    values = np.asarray(image.dataobj)
+    affine = np.array(image.affine, np.float64)
+    if image.header["sform_code"] or image.header["qform_code"]:
+        return LabelMap(values, affine)
+    affine[0] *= -1.0  # nibabel turns the first axis over, as Analyze's files have it
+    return LabelMap(values, affine, "its sform and qform codes are 0")
+
+
+def _read_nrrd(path: Path) -> LabelMap:
+    content = path.read_bytes()
+    end = re.search(rb"\r?\n\r?\n", content[:_LARGEST_HEADER])
+    head = content[: end.start()] if end else content
+    data = content[end.end() :] if end else b""
+    if not head.startswith(b"NRRD"):
+        raise ValueError("it does not begin with NRRD")
+    fields = _fields(head, ":")
+    skips = {fields.get("byte skip", "0"), fields.get("line skip", "0")}
+    if fields.get("dimension") != "3" or skips != {"0"}:
+        raise ValueError("a map has dimension 3, without byte skip and line skip")
+    if name := fields.get("data file") or fields.get("datafile"):
+        data = _data_file(path.parent / name, fields["sizes"])
+    is_big = fields.get("endian") == "big"
+    values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], is_big)
+    space = fields.get("space", "")
+    sides = (space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))).upper()
+    directions = fields.get("space directions", "none")
+    if not re.fullmatch("[RL][AP][SI]", sides) or "none" in directions:
+        spacing = _numbers(fields.get("spacings", "1 1 1"))
+        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no space directions")
+    units = re.findall('"(.*?)"', fields.get("space units", "")) or ["mm"]
+    signs = np.array([1.0 if side in "RAS" else -1.0 for side in sides])
+    origin = fields.get("space origin", "0 0 0")
+    return LabelMap(values, _affine(_numbers(directions), origin, _MILLIMETRES[units[0]] * signs))
+
+
+def _read_meta_image(path: Path) -> LabelMap:
+    head, key, rest = path.read_bytes().partition(b"ElementDataFile")
+    if not key:
+        raise ValueError("it has no ElementDataFile")
+    line, _, data = rest.partition(b"\n")
+    fields = _fields(head, "=")
+    name = line.decode().strip(" =\r")
+    if name.upper() != "LOCAL":
+        data = _data_file(path.parent / name, fields["dimsize"])
+
+    def first(names: str, default: str = "") -> str:
+        """Return the first entry that is there."""
+        return next((fields[name] for name in names.split() if name in fields), default)
+
+    kind = fields["elementtype"].lower().removeprefix("met_").replace("_", "")
+    encoding = "zlib" if first("compresseddata").lower() == "true" else "raw"
+    is_big = first("binarydatabyteordermsb elementbyteordermsb").lower() == "true"
+    values = _voxels(data, kind, fields["dimsize"], encoding, is_big)
+    spacing = np.array(_numbers(fields.get("elementspacing", "1 1 1")))
+    matrix = _numbers(first("transformmatrix rotation orientation"))
+    if not matrix:
+        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no TransformMatrix")
+    directions = np.reshape(matrix, (3, 3)) * spacing[:, None]
+    origin = first("offset position origin", "0 0 0")
+    return LabelMap(values, _affine(directions, origin, np.array([-1.0, -1.0, 1.0])))
+
+
+def _data_file(path: Path, sizes: str) -> bytes:
+    """Read the file that a header names, as far as the voxels of the given sizes may reach."""
+    with open_regular(path) as file:
+        return file.read(_LARGEST_VOXEL * math.prod(_shape(sizes)))
+
+
+def _fields(head: bytes, mark: str) -> dict[str, str]:
+    """Return the entries of a header by lower-case names."""
+    lines = head[:_LARGEST_HEADER].decode("latin-1").splitlines()
+    pairs = (line.partition(mark) for line in lines if mark in line)
+    return {key.strip().lower(): value.strip(" =") for key, _, value in pairs}
+
+
+def _affine(directions: Any, origin: str, turn: Floats) -> Floats:
+    """Return the affine from directions of the voxels' axes and an origin, both scaled and turned by `turn`."""
+    affine = np.eye(4)
+    affine[:3, :3] = np.reshape(directions, (3, 3)).T
+    affine[:3, 3] = _numbers(origin)
+    affine[:3] *= turn[:, None]
+    return affine
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in _NUMBER.findall(text)]
+
+
+def _shape(sizes: str) -> tuple[int, ...]:
+    return tuple(int(size) for size in _numbers(sizes))
+
+
+def _voxels(data: bytes, kind: str, sizes: str, encoding: str, is_big: bool) -> NDArray[Any]:
+    """Decode the numbers of voxels, the first axis fastest."""
+    for old, new in (("unsigned ", "u"), ("signed ", "")):
+        kind = kind.replace(old, new)
+    kind = kind.removesuffix(" int").removesuffix("_t")
+    name = _NUMPY_TYPES.get(kind, kind.replace(" ", ""))
+    dtype = np.dtype(name).newbyteorder(">" if is_big else "<")
+    shape = _shape(sizes)
+    count = math.prod(shape)
+    if encoding in {"text", "txt", "ascii"}:
+        try:
+            return np.array(data.split(), dtype).reshape(shape, order="F")
+        except ValueError:  # its words may come from any file that a header names
+            raise ValueError(f"its data are not the {count} numbers of a text") from None
+    data = _DECODERS[encoding](data)
+    if len(data) < count * dtype.itemsize:
+        raise ValueError(f"it has {len(data)} of {count * dtype.itemsize} B")
+    return np.frombuffer(data, dtype, count).reshape(shape, order="F")
+
+
+LABEL_MAPS = {
+    ".nii": _read_nifti,
+    ".nii.gz": _read_nifti,
+    ".nrrd": _read_nrrd,
+    ".nhdr": _read_nrrd,
+    ".mha": _read_meta_image,
+    ".mhd": _read_meta_image,
+}
+"""Reader by the suffix of a file"""
