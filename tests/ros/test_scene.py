@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros.system.processes import free_port
-from knee_contact_ros.view.layout import DETAIL_PLOTS, SOLVER_PLOTS
+from knee_contact_ros.view.plots import DETAIL_PLOTS, SOLVER_PLOTS
 from tests.helpers.viewer import rendered, shown_to, wait_for, window_of
 from tests.ros.conftest import Peer, Start
 from tests.ros.test_outputs import children, walk

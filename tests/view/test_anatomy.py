@@ -125,7 +125,7 @@ def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(
 @pytest.mark.parametrize("name", KNEES)
 def test_triangles_cover_the_bones_once(config: Path, name: str) -> None:
     pytest.importorskip("rerun", reason="needs the extra viewer")
-    from knee_contact_ros.view.scene import triangles_of
+    from knee_contact_ros.view.plane import triangles_of
 
     picture = pressed(model_of(config, name), 0.3)
     for polygon in (picture.femur_bone, picture.tibia_bone[::-1]):

@@ -17,7 +17,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.strides import strides_of
-from knee_contact_ros.view import layout
+from knee_contact_ros.view import layout, plots
 from knee_contact_ros.view.anatomy import (
     OVERLAP_POINTS,
     KneeOutlines,
@@ -26,13 +26,12 @@ from knee_contact_ros.view.anatomy import (
     to_tibia_frame,
 )
 from knee_contact_ros.view.colours import KNEE_COLOURS
-from knee_contact_ros.view.layout import (
+from knee_contact_ros.view.layout import about, plane_title
+from knee_contact_ros.view.plots import (
     DETAIL_PLOTS,
     FORCES,
     KNEE_PLOTS,
     SOLVER_PLOTS,
-    about,
-    plane_title,
     plots_of,
     title_of,
 )
@@ -191,12 +190,12 @@ def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
     curves = {
         plot.path: column(drawn, f"/knee/curves/{plot.path}")
         for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
-        if not (plot.live or plot.read_off)
+        if not (plot.live or plot.from_readouts)
     }
     for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS):
-        assert plot.live or plot.read_off or curves[plot.path].shape == (387, len(plot.series)), (
-            plot
-        )
+        assert (
+            plot.live or plot.from_readouts or curves[plot.path].shape == (387, len(plot.series))
+        ), plot
         assert all(
             "[" in series.name or series.name == "evaluations per tick" for series in plot.series
         )
@@ -419,7 +418,7 @@ def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
     )
     for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS):
         title = title_of(four, plot)
-        assert len(title) <= layout.LONGEST_TITLE
+        assert len(title) <= plots.LONGEST_TITLE
         assert title.endswith((": colours as for flexion", "right_lateral violet"))
 
 
@@ -439,7 +438,7 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
         for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
         for series in plot.series
     }
-    for colour in {layout.LAYER_COLOUR, *KNEE_COLOURS.values(), *series}:
+    for colour in {plots.LAYER_COLOUR, *KNEE_COLOURS.values(), *series}:
         light = luminance(colour)
         assert 1.05 / (light + 0.05) > 2.5, colour
         assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour

@@ -38,8 +38,8 @@ from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
-from knee_contact_ros.view.layout import CONTACT_POINT, DETAIL_PLOTS, KNEE_PLOTS, SOLVER_PLOTS
 from knee_contact_ros.view.output import NOT_INSTALLED, open_output, require_viewer
+from knee_contact_ros.view.plots import CONTACT_POINT, DETAIL_PLOTS, KNEE_PLOTS, SOLVER_PLOTS
 from tests.helpers.processes import NO_BYTECODE, has_ended
 from tests.helpers.viewer import pixels_of, rendered, wait_for, window_of
 from tests.view.scenes import answers_of, column, entities, lists, texts_of
@@ -48,7 +48,7 @@ pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read 
 RECORDED = [
     plot
     for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
-    if not (plot.live or plot.read_off)
+    if not (plot.live or plot.from_readouts)
 ]
 ANSWERS = MESSAGE_TYPES["knee_contact"]
 
