@@ -17,11 +17,9 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
-from knee_contact_ros.model.kernel import compiled_run
 from tests import ROOT
+from tests.helpers.forked import COMMAND, MODULES
 
-MODULES = ("commands.main", "lab.report", "offline.estimate_load", "offline.solve")
-"""What most commands import; nothing of ROS, whose libraries begin threads"""
 LONGEST = 1 << 20
 """Largest size of a request [B]"""
 CLIENT = f"""#!{sys.executable} -IS
@@ -104,7 +102,7 @@ def run(
     sys.argv = ["knee-contact", *words]
     code = 1
     try:
-        code = import_module("knee_contact_ros.commands.main").main(words)
+        code = import_module(COMMAND).main(words)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     finally:
@@ -116,6 +114,5 @@ def run(
 
 if __name__ == "__main__":
     for module in MODULES:
-        import_module(f"knee_contact_ros.{module}")
-    compiled_run()
+        import_module(module)
     serve(socket.socket(fileno=int(sys.argv[1])))

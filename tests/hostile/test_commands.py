@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import resource
 import signal
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.commands.main import knee_contact, main
+from tests.helpers.forked import PROCESSES
 from tests.helpers.needs import HAS_REPORT, HAS_VIEWER, needs_viewer
 from tests.hostile.cases import BAGS, GAIT
 
@@ -56,20 +56,6 @@ SEEN = [
 ]
 MEMORY, SECONDS, PATIENCE = 3 * 2**30, 20, 60
 """Addresses [B] and processor time [s] that a command may use, and the time [s] for one that waits"""
-PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload(
-    [
-        f"knee_contact_ros.{name}"
-        for name in (
-            "commands.main",
-            "lab.report",
-            "bags.recover",
-            "offline.solve",
-            "offline.estimate_load",
-            *["commands.view"][:HAS_VIEWER],
-        )
-    ]
-)
 
 
 def limited(arguments: list[str], log: Path) -> None:

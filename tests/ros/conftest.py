@@ -33,9 +33,9 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.processes import DEATH_SIGNAL_PREFIX
 from knee_contact_ros.system.ros import make_executor, private_graph
+from tests.helpers.forked import COMMAND, Forked
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.processes import NO_BYTECODE
-from tests.ros.forked import COMMAND, Forked
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""

@@ -1,7 +1,4 @@
-"""Commands that run a node, each in a process of its own that need not import much: it is forked.
-
-A forked process imports this module, so nothing of ROS is imported here.
-"""
+"""Commands that run in processes of their own which need not import much: they are forked."""
 
 from __future__ import annotations
 
@@ -13,30 +10,31 @@ from ctypes import CDLL
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
+from tests.helpers.needs import HAS_REPORT, HAS_VIEWER
+
 COMMAND = "knee_contact_ros.commands.main"
-PROCESSES = multiprocessing.get_context("forkserver")
-"""Imports are most of what a node's start costs: one process has imported what all of them need, and forks. Nothing of
-ROS is imported there, as its libraries begin threads"""
-PROCESSES.set_forkserver_preload(
-    [
-        "pytest",
-        "yaml",
-        "rich.progress",
-        "tests.ros.forked",
-        COMMAND,
-        *(
-            f"knee_contact_ros.{name}"
-            for name in (
-                "bags.recorder",
-                "commands.live",
-                "model.kernel",
-                "streams.load_pipeline",
-                "streams.contact_pipeline",
-                "view.anatomy",
-            )
-        ),
-    ]
+MODULES = (
+    "pytest",
+    "tests.helpers.kernel",
+    *(
+        f"knee_contact_ros.{name}"
+        for name in (
+            "commands.main",
+            "commands.live",
+            "bags.recover",
+            "offline.estimate_load",
+            "offline.solve",
+            "view.anatomy",
+            *["lab.report"][:HAS_REPORT],
+            *["commands.view"][:HAS_VIEWER],
+        )
+    ),
 )
+"""What commands import; nothing of ROS, whose libraries begin threads"""
+PROCESSES = multiprocessing.get_context("forkserver")
+"""Imports are most of what a command's start costs: one process has imported what all of them need, and forks. There is
+one such process for all tests of a pytest process"""
+PROCESSES.set_forkserver_preload([__name__, *MODULES])
 DEATH_SIGNAL = 1
 """Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""
 

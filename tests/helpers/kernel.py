@@ -1,0 +1,7 @@
+"""Importing this loads the compiled model, for processes that fork others."""
+
+from __future__ import annotations
+
+from knee_contact_ros.model.kernel import compiled_run
+
+compiled_run()
