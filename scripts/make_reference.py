@@ -64,7 +64,7 @@ PYTHON = {
         "lab.sweep.Cohort",
         "lab.sensitivity.Sensitivity: outcomes remarks cohort to_pandas",
         "lab.calibrate.Calibration",
-        "lab.calibrate.fit.Interval",
+        "lab.calibrate.intervals.Interval",
         "streams.strides.Stride",
         "streams.strides.Span: duration stance percent",
     ],

@@ -24,8 +24,9 @@ from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
-from knee_contact_ros.lab.calibrate.fit import Fit, scaled, unknowns_of
+from knee_contact_ros.lab.calibrate.fit import Fit, scale_misfits
 from knee_contact_ros.lab.calibrate.problems import fittable, measured_from, problem_of
+from knee_contact_ros.lab.calibrate.unknowns import unknowns_of
 from knee_contact_ros.parameters.files import load_parameters
 from studies.reference import LAWS, Knee, Solution, solve
 
@@ -59,8 +60,8 @@ class Case(NamedTuple):
     """Share of the axial load in the table, if the table holds the axial load"""
     displacement: bool = False
     """Whether the height is an input, so that the force must follow from the depth alone"""
-    told: float = 0.0
-    """Part of the noise that the fit knows; 0: none"""
+    given_noise: float = 0.0
+    """Ratio of the noise that is given to the fit to the true one; 0: none is given"""
     loss: str = "linear"
     outliers: float = 0.0
     """Part of the samples whose noise is twenty times as large"""
@@ -95,11 +96,12 @@ class Case(NamedTuple):
     def measured(self) -> str:
         """Measured quantities in words, for the table."""
         units = {DEPTH: (1e6, "µm"), GAP: (1e6, "µm"), FORCE: (1.0, "N")}
-        told = [
+        columns = [
             f"{SHORT[name]} ({size * units[name][0]:g} {units[name][1]})"
             for name, size in self.noise.items()
         ]
-        return f"{', '.join(told)}, {len(self.series[0])} samples{', noise told' if self.told else ''}"
+        given = ", noise given" if self.given_noise else ""
+        return f"{', '.join(columns)}, {len(self.series[0])} samples{given}"
 
 
 def lift_off() -> Series:
@@ -127,7 +129,9 @@ VOIGT = "kelvin_voigt"
 CASES = {
     "gait, depth": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C)),
     "gait, depth and force": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6, FORCE: 10.0}, (K, N)),
-    "gait, depth, noise told": Case(VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6}, (K, N, C), told=1.0),
+    "gait, depth, noise given": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6}, (K, N, C), given_noise=1.0
+    ),
     "gait, axial load, depth and force": Case(
         VOIGT, HEALTHY, GAIT, {DEPTH: 5e-6, FORCE: 10.0}, ("load.share", K), share=0.5
     ),
@@ -192,8 +196,8 @@ DOUBTFUL = {
     "least squares, one in twenty far off": Case(
         VOIGT, HEALTHY, GAIT, {DEPTH: 2e-6}, (K, C), outliers=0.05
     ),
-    "the noise told is half of it": Case(
-        VOIGT, HEALTHY, GAIT, {DEPTH: 4e-6}, (K, C), told=0.5, expects="given"
+    "the given noise is half of it": Case(
+        VOIGT, HEALTHY, GAIT, {DEPTH: 4e-6}, (K, C), given_noise=0.5, expects="given"
     ),
 }
 """Cases that the intervals are not meant for"""
@@ -212,7 +216,7 @@ HEADER = (
     "intervals that hold the true value",
     "95 % range of that",
     "for the same noise along straight lines",
-    "trade-off told",
+    "trade-off reported",
     "time of a fit [s]",
 )
 TEXT = """\
@@ -224,7 +228,7 @@ many intervals would hold the true value for the very same noise if the answers 
 where the theory is exact: a shortfall in both is chance."""
 DOUBTFUL_TEXT = """\
 The same, where what the intervals assume does not hold, or the data tell little. They are not meant to hold here: what
-counts is whether it is told. Warned: how many fits came with the warning that is due (none is due for outliers)."""
+counts is whether there is a warning. Warned: how many fits came with the warning that is due (none is due for outliers)."""
 
 
 class Outcome(NamedTuple):
@@ -293,12 +297,12 @@ def fit(name: str, case: Case, repetition: int) -> Calibration:
     random = np.random.default_rng((2026, sum(name.encode()), repetition))
     table = made(name, case, random)
     start = {each: _start(each, value, random) for each, value in case.free.items()}
-    told = {column: case.told * size for column, size in case.noise.items()} if case.told else None
+    sigma = {column: case.given_noise * size for column, size in case.noise.items()}
     return calibrate(
         table,
         [case.parameters, start],
         list(case.free),
-        sigma=told,
+        sigma=sigma if case.given_noise else None,
         loss=case.loss,
         level=LEVEL,
         starts=case.starts,
@@ -360,7 +364,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     problem = problem_of(
         parameters, measured, unknowns_of(list(case.free), fittable(), parameters, name), True
     )
-    slopes = Fit.begun(problem, "linear", case.noise).slopes
+    slopes = Fit.at_start(problem, "linear", case.noise).slopes
     spread = np.linalg.inv(slopes.T @ slopes)
     held = np.zeros(len(case.free), dtype=np.int64)
     exact, freedom = truth(name), len(slopes) - len(spread)
@@ -371,12 +375,14 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
             each: (drawn[each] - whole[each])[np.isfinite(drawn[each])]
             for each in measured.answers
         }
-        off = scaled(noise, case.noise)
+        off = scale_misfits(noise, case.noise)
         error = spread @ (slopes.T @ off)
         size = (
-            1.0 if case.told else math.sqrt(float(((off - slopes @ error) ** 2).sum()) / freedom)
+            1.0
+            if case.given_noise
+            else math.sqrt(float(((off - slopes @ error) ** 2).sum()) / freedom)
         )
-        limit = student.ppf(0.5 + 0.5 * LEVEL, math.inf if case.told else freedom)
+        limit = student.ppf(0.5 + 0.5 * LEVEL, math.inf if case.given_noise else freedom)
         held += np.abs(error) <= limit * size * np.sqrt(np.diag(spread))
     return held
 
@@ -459,9 +465,9 @@ def write(
     output: Path, repetitions: int, tables: list[list[list[str]]], held: list[float]
 ) -> None:
     """Write the page with the tables that there are so far."""
-    told = f"{TEXT} In all, {100.0 * np.mean(held):.1f} % of {len(held)} intervals hold it."
-    doubtful = tuple("warned" if each == "trade-off told" else each for each in HEADER)
-    sections = [Section("", told, HEADER, tables[0])]
+    text = f"{TEXT} In all, {100.0 * np.mean(held):.1f} % of {len(held)} intervals hold it."
+    doubtful = tuple("warned" if each == "trade-off reported" else each for each in HEADER)
+    sections = [Section("", text, HEADER, tables[0])]
     sections += (
         [Section("Where they do not hold", DOUBTFUL_TEXT, doubtful, tables[1])]
         if tables[1]

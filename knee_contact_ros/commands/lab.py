@@ -306,7 +306,7 @@ def calibrate(
     of a person, each one is also left out in turn, to show how much the fit helps.
 
     It prints each value with its profile-likelihood interval and says which parameters trade off. It writes a parameter
-    file; give it to --params after the other files.
+    file; give it to --params after the other files. Intervals need the extra calibrate.
     """
     from knee_contact_ros.lab.calibrate import bags_in, run_calibrate
 

@@ -15,19 +15,9 @@ import numpy as np
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.reader import MAGICS, files_of, names_in_bag
 from knee_contact_ros.lab.calibrate import problems
-from knee_contact_ros.lab.calibrate.fit import (
-    LINEAR,
-    LOSSES,
-    Data,
-    Free,
-    Interval,
-    Problem,
-    Unknown,
-    doubts,
-    fitted,
-    intervals,
-    unknowns_of,
-)
+from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, Problem, find_fit
+from knee_contact_ros.lab.calibrate.intervals import Interval, doubts, find_intervals
+from knee_contact_ros.lab.calibrate.unknowns import Free, Unknown, unknowns_of
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for
@@ -37,7 +27,7 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, split_rule
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, require, split_rule
 from knee_contact_ros.system.output_files import (
     PARTIAL,
     check_name_free,
@@ -48,11 +38,11 @@ from knee_contact_ros.system.output_files import (
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
 
-UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
+MEASURED_UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
-ROUNDS = 3
+MAX_INTERVAL_ROUNDS = 3
 """Largest number of times that intervals are computed: again whenever a better fit is found meanwhile"""
-ROUGH = (
+ROUGH_INTERVALS = (
     "near the fit the misfit has several minima (a touch falls before a sample or after it): a better fit may exist, "
     "and the intervals are rough"
 )
@@ -137,7 +127,7 @@ def calibrate(
 
     From a table, parameters of one compartment's model are fitted to a depth, force, gap or height; from a bag, a
     person's constants of the load estimate are fitted to the joint reaction. The method is bounded nonlinear least
-    squares (SciPy's `least_squares`), with intervals by profile likelihood;
+    squares (SciPy's `least_squares`), with intervals by profile likelihood (MINOS of iminuit);
     docs/how-to/uncertainty-and-calibration.md says what they mean.
     While fitting, the model is solved to 1e-9 m or better, without a budget.
 
@@ -190,15 +180,53 @@ def calibrate(
             raise UsageError(f"{name}: {value!r} is not allowed; {words}")
     remaps = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
     problem = _problem(table, params, free, values or {}, remaps, namespace, compiled)
-    measured, unknowns, sigma = problem.measured, problem.unknowns, sigma or {}
+    _check_data(problem, sigma or {})
+    if with_intervals:
+        require("calibrate", "iminuit")
+    with progress("Fitting") as advance:
+        fit = find_fit(problem, loss, sigma or {}, starts, advance)
+    intervals = list[Interval]()
+    warnings = []
+    if with_intervals:
+        fit, intervals, rough = _intervals(fit, level)
+        warnings += [ROUGH_INTERVALS] if rough else []
+    found = fit.values()
+    answers = problem.predicted(found)
+    measured = problem.measured
+    residuals = {name: answers[name] - column for name, column in measured.answers.items()}
+    with progress("Leaving one out") as advance:
+        remarks, also, further = problem.conclusions(
+            found, lambda others: find_fit(others, loss, fit.noise, 1, advance).values()
+        )
+    return Calibration(
+        problem.unknowns,
+        measured,
+        found,
+        dict(zip(found, intervals, strict=False)),
+        level,
+        fit.correlation,
+        dict(fit.noise),
+        fit.given,
+        {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()},
+        residuals,
+        answers,
+        (*warnings, *doubts(fit, intervals, level), *further),
+        loss,
+        tuple(remarks),
+        also,
+    )
+
+
+def _check_data(problem: Problem, sigma: Mapping[str, float]) -> None:
+    """Refuse too few values, wrong inputs or a wrong start, and noise that cannot be used."""
+    measured = problem.measured
+    unknowns = problem.unknowns
     if measured.number <= len(unknowns):
         raise UsageError(
             f"{measured.source}: {measured.number} values can be fitted, for {len(unknowns)} parameters; "
             "more are needed than parameters are free"
         )
-    problem.predicted(
-        {unknown.name: unknown.start for unknown in unknowns}
-    )  # refuses wrong inputs or a wrong start
+    problem.predicted({unknown.name: unknown.start for unknown in unknowns})
     for name, deviation in sigma.items():
         if name not in measured.answers:
             raise UsageError(
@@ -208,39 +236,17 @@ def calibrate(
             raise UsageError(
                 f"--sigma {name}={deviation}: it must be COLUMN=NUMBER, the number > 0 in its unit"
             )
-    with progress("Fitting") as advance:
-        fit = fitted(problem, loss, sigma, starts, advance)
-    bounds, better = list[Interval](), None
-    for _ in range(ROUNDS if with_intervals else 0):
-        fit = fit if better is None else replace(fit, place=better).settled()
+
+
+def _intervals(fit: Fit, level: float) -> tuple[Fit, list[Interval], bool]:
+    """Return a fit with its intervals, and whether they are rough; a better fit that is found meanwhile replaces it."""
+    for _ in range(MAX_INTERVAL_ROUNDS):
         with progress("Intervals") as advance:
-            bounds, better = intervals(fit, level, advance)
-        if better is None:
+            found = find_intervals(fit, level, advance)
+        if found.better is None:
             break
-    found = fit.values()
-    answers = problem.predicted(found)
-    residuals = {name: answers[name] - column for name, column in measured.answers.items()}
-    with progress("Leaving one out") as advance:
-        remarks, also, warnings = problem.conclusions(
-            found, lambda others: fitted(others, loss, fit.noise, 1, advance).values()
-        )
-    return Calibration(
-        unknowns,
-        measured,
-        found,
-        dict(zip(found, bounds, strict=False)),
-        level,
-        fit.correlation,
-        dict(fit.noise),
-        fit.given,
-        {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()},
-        residuals,
-        answers,
-        (*([] if better is None else [ROUGH]), *doubts(fit, bounds, level), *warnings),
-        loss,
-        tuple(remarks),
-        also,
-    )
+        fit = replace(fit, place=found.better).converged()
+    return fit, found.intervals, found.failed or found.better is not None
 
 
 def bags_in(data: Any) -> list[Path]:
@@ -358,7 +364,7 @@ def parameter_file(
     """Write the parameter file as text: only the fitted values, with comments on their origin."""
     files = ", ".join(path.name for path in params) or "the defaults"
     others = "".join(f", {name} {value}" for name, value in values.items())
-    rms = [f"{name} {value:.4g} {UNITS[name]}" for name, value in found.rms.items()]
+    rms = [f"{name} {value:.4g} {MEASURED_UNITS[name]}" for name, value in found.rms.items()]
     intervals_known = [
         f"{name}: {100.0 * found.level:g} % interval {each}"
         for name, each in found.intervals.items()
@@ -387,9 +393,8 @@ def _show(found: Calibration) -> None:
     headings = ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval")
     show_table(headings, rows, right=headings[1:3])
     for name, misfit in found.rms.items():
+        unit = MEASURED_UNITS[name]
         known = "given" if name in found.given else "estimated"
-        say(
-            f"{name}: RMS {misfit:.4g} {UNITS[name]}; noise {known}: {found.noise[name]:.4g} {UNITS[name]}"
-        )
+        say(f"{name}: RMS {misfit:.4g} {unit}; noise {known}: {found.noise[name]:.4g} {unit}")
     for remark in found.remarks:
         say(remark)

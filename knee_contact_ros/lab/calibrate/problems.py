@@ -22,7 +22,8 @@ from knee_contact_ros.bags.reader import BagReader, Names, others_beside
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
-from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
+from knee_contact_ros.lab.calibrate.fit import Data, Problem, Values
+from knee_contact_ros.lab.calibrate.unknowns import Unknown
 from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.headers import TableFormat, header_of
 from knee_contact_ros.lab.tables import read_numbers
