@@ -228,7 +228,7 @@ many intervals would hold the true value for the very same noise if the answers 
 where the theory is exact: a shortfall in both is chance."""
 DOUBTFUL_TEXT = """\
 The same, where what the intervals assume does not hold, or the data tell little. They are not meant to hold here: what
-counts is whether there is a warning. Warned: how many fits came with the warning that is due (none is due for outliers)."""
+counts is whether a warning says so. Warned: how many fits came with the warning that is due (for outliers none is)."""
 
 
 class Outcome(NamedTuple):
