@@ -31,7 +31,7 @@ from std_msgs.msg import Float64MultiArray
 from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, read_answers, read_bag
 from knee_contact_ros.commands.player import Command, Player
 from knee_contact_ros.commands.replay import Replayer
-from knee_contact_ros.commands.tables import counts, show_summary
+from knee_contact_ros.commands.tables import count_text, show_summary
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
@@ -221,7 +221,7 @@ def run_demo(
         summary = read_summary(work / RECORDING.parent, parameters.body_weight, stream.doubts)
         if not summary.ticks:
             raise UsageError(
-                f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}"
+                f"bag {bag}: the node has answered nothing; refused: {count_text(summary.refused)}"
             )
         rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
         if load and assisted:
@@ -439,7 +439,9 @@ def largest(bag: Path, topic: str) -> tuple[float, float]:
 def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
     """Return rows on the estimated load, and on the recorded one of the bundled bag."""
     weight = load.person.constants.weight
-    calibrated = "yes" if load.calibrated else "no: for looking, not for gating anything"
+    calibrated = (
+        "yes" if load.calibrated else "no: for looking, nothing may be limited or triggered by it"
+    )
     rows = {"load's level": load.chosen_level, "calibrated": calibrated}
     axial, deviation = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE)
     rows["estimated load"] = (

@@ -27,6 +27,9 @@ from knee_contact_ros.commands.options import (
 )
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import require
+from knee_contact_ros.system.output_files import check_not_input, check_writable
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import say, warn
 
 anyway_option = click.option(
     "--anyway",
@@ -246,7 +249,6 @@ def fit_profile(mesh: Path, side: str, compartment: str, **others: Any) -> None:
     NRRD, MHA). It needs the extra mesh.
     """
     from knee_contact_ros.lab.profiles import LABEL_WIDTH, ProfileOptions, run_fit_profile
-    from knee_contact_ros.system.terminal import say
 
     options = ProfileOptions(mesh, femur=side == "femur", medial=compartment == "medial", **others)
     for line in run_fit_profile(options):
@@ -347,8 +349,6 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     require("sweep", "pyarrow", "distributed", "fsspec")
     from knee_contact_ros.lab.study import run_study
     from knee_contact_ros.lab.study_file import Study, read_study
-    from knee_contact_ros.system.errors import IncompleteError
-    from knee_contact_ros.system.terminal import say
 
     run = run_study(read_study(study, Study), output, workers or 0, scheduler)
     say(f"table: {output} (pandas.read_parquet)")
@@ -405,9 +405,6 @@ def trade(
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import answers_of
     from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
-    from knee_contact_ros.system.output_files import check_not_input, check_writable
-    from knee_contact_ros.system.progress import progress
-    from knee_contact_ros.system.terminal import say, warn
 
     require("trade", "matplotlib")
     check_writable(picture)
@@ -477,7 +474,6 @@ def report(
     from knee_contact_ros.lab.report import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions
     from knee_contact_ros.parameters.files import values_set_in
-    from knee_contact_ros.system.terminal import say, warn
 
     values = given.values()
     sources: list[Path | dict[str, Any]] = [*given.files(), *([values] if values else [])]

@@ -23,6 +23,7 @@ from knee_contact_ros.commands.options import (
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import missing_middleware
+from knee_contact_ros.system.terminal import warn
 
 ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
 """Environment variables by which the setup file of a ROS puts itself on the path"""
@@ -70,8 +71,6 @@ def demo(
     It starts the real node and replays a recorded gait over real topics, on this machine only. It records to MCAP,
     writes a Rerun file and prints the peaks.
     """
-    from knee_contact_ros.system.terminal import warn
-
     if words := missing_middleware():  # the graph is its own, and what is there will do
         warn([f"{words}; the demo runs without it"])
         del os.environ["RMW_IMPLEMENTATION"]
@@ -121,8 +120,6 @@ def check_environment() -> None:
         )
     if os.environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
         if os.environ.get("ROS_SECURITY_ENABLE") != "true":
-            from knee_contact_ros.system.terminal import warn
-
             warn(
                 [
                     "nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS_SECURITY_ENABLE=true, too"
@@ -251,7 +248,6 @@ def replay(bag: Path, in_bag: BagNames, sensors: bool, **timing: Any) -> None:
     from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
-    from knee_contact_ros.system.terminal import warn
 
     warn(others_beside(bag))
     inputs = LOAD_INPUTS if sensors else INPUTS

@@ -24,7 +24,11 @@ from knee_contact_ros.commands.options import (
     parameter_options,
     path_option,
 )
-from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError
+from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
+from knee_contact_ros.system.files import check_distinct, require
+from knee_contact_ros.system.output_files import check_not_input, write_complete
+from knee_contact_ros.system.progress import progress
+from knee_contact_ros.system.terminal import say, warn
 
 LONGEST_NAME = 80
 """Most letters in the name of several bags together"""
@@ -41,7 +45,6 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     """
     from knee_contact_ros.bags.reader import files_of
     from knee_contact_ros.bags.recorder import METADATA
-    from knee_contact_ros.system.files import check_distinct
 
     if len(bags) == 1:
         yield bags[0]
@@ -101,8 +104,6 @@ def solve(
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
-    from knee_contact_ros.system.progress import progress
-    from knee_contact_ros.system.terminal import warn
 
     person = Subject(subject) if subject else None
     bags = bags or ((person.bag,) if person and person.bag else ())
@@ -162,9 +163,6 @@ def estimate_load(
     from knee_contact_ros.offline.estimate_load import load_parameters_for
     from knee_contact_ros.offline.solve import weight_doubt
     from knee_contact_ros.streams.topics import LOAD_INPUTS
-    from knee_contact_ros.system.errors import join_faults
-    from knee_contact_ros.system.progress import progress
-    from knee_contact_ros.system.terminal import warn
 
     parameters, without, doubts = load_parameters_for(
         bag, given.files(None), given.values(), in_bag.namespace
@@ -193,7 +191,6 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     """
     from knee_contact_ros.bags.recover import recover as recover_file
     from knee_contact_ros.commands.tables import show_recovery
-    from knee_contact_ros.system.progress import progress
 
     with progress("Recovering") as advance:
         recovery = recover_file(source, output, advance, overwrite)
@@ -258,9 +255,6 @@ def table(bag: Path, output: Path, topic: str) -> None:
     """
     from knee_contact_ros.bags.reader import absolute, answer_topics, files_of, read_answers
     from knee_contact_ros.results import answer_table
-    from knee_contact_ros.system.files import require
-    from knee_contact_ros.system.output_files import check_not_input, write_complete
-    from knee_contact_ros.system.terminal import say
 
     check_not_input(output, files_of(bag))
     topics = [absolute(topic)] if topic else answer_topics(bag)
@@ -287,7 +281,6 @@ def warm(given: ParameterOptions) -> None:
     from knee_contact_ros.model.kernel import compiled_run, kept_files
     from knee_contact_ros.model.ticks import run
     from knee_contact_ros.streams.contact_pipeline import load_model
-    from knee_contact_ros.system.terminal import say
 
     if any(given):
         load_model([*given.files(), given.values()], compiled=False)

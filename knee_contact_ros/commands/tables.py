@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import or_
 
 import numpy as np
 from rich import box
@@ -27,119 +29,123 @@ from knee_contact_ros.system.terminal import (
     show_table,
 )
 
-MOST_PEAKS = 12
+_MAX_PEAKS = 12
 """Largest number of load peaks that have a row each"""
-DOUBTFUL = " !"
+_MAX_FAULTS = 20
+"""Largest number of faults that are printed"""
+_DOUBTFUL_MARK = " !"
 """Mark of a row with values of a tick that is `IMPLAUSIBLE`"""
-ONE_MOMENT = 100_000_000
+_ONE_PEAK = 100_000_000
 """Time [ns] within which the largest load, force and depth belong to one peak"""
-MICROMETRE = 1e6
+_MICROMETRES = 1e6
+_NOT_CALIBRATED = (
+    "not calibrated to this person: for looking, nothing may be limited or triggered by it"
+)
 
 
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
     """Print the peaks, the figures of the run with further rows `live`, and the names and places of the `files`."""
     console = Console(width=WIDTH, emoji=False)
-    for name, compartment in compartments(summary):
+    for name, compartment in _compartments(summary):
         if name:
             console.print(f"{name} compartment")
-        console.print(peak_table(compartment))
+        console.print(_peak_table(compartment))
     begin = begin_of(summary.first_stamp)
     since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
     runs = f" in {summary.runs} runs" if summary.runs > 1 else ""
     figures = [("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}{runs}")]
-    if len(summary.load_peaks) > MOST_PEAKS:
+    if len(summary.load_peaks) > _MAX_PEAKS:
         figures.append(("peaks", f"{len(summary.load_peaks)} of the load"))
     figures += [(name, safe_cell(value)) for name, value in live.items()]
     if summary.split:
         figures.append(("share of the load", summary.split.text))
-    figures.append(("samples refused", counts(summary.refused)))
-    for name, each in compartments(summary):
-        of = f"{name}: " if name else ""
-        depth = error_text(each.largest_error * MICROMETRE, "um")
-        errors = f"{depth} of depth at most, {error_text(each.largest_force_error, 'N')} of force"
+    figures.append(("samples refused", count_text(summary.refused)))
+    for name, each in _compartments(summary):
+        prefix = f"{name}: " if name else ""
+        depth = _error_text(each.largest_error * _MICROMETRES, "um")
+        force = _error_text(each.largest_force_error, "N")
+        cost = f"{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick"
         figures += [
-            ("ticks flagged", of + counts(each.flagged, each.ticks_flagged)),
-            ("error estimate", of + errors),
-            ("levels", of + _shares(each.levels)),
-            (
-                "cost",
-                f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick",
-            ),
+            ("ticks flagged", prefix + count_text(each.flagged, each.ticks_flagged)),
+            ("error estimate", f"{prefix}{depth} of depth at most, {force} of force"),
+            ("levels", prefix + _shares(each.levels)),
+            ("cost", prefix + cost),
         ]
-    show_pairs([*figures, *(("warning", safe_cell(sentence)) for sentence in summary.sentences)])
+    figures += [("warning", safe_cell(sentence)) for sentence in summary.sentences]
+    show_pairs(figures)
     console.print()
     for name, path in files.items():
         say(f"{name}: {path}")
 
 
-def compartments(summary: Summary) -> list[tuple[str, Summary]]:
+def _compartments(summary: Summary) -> list[tuple[str, Summary]]:
     """Return the name and the summary of each compartment; the name is empty if there is only one."""
     return [(MEDIAL, summary), (LATERAL, summary.lateral)] if summary.lateral else [("", summary)]
 
 
-def error_text(error: float, unit: str) -> str:
+def _error_text(error: float, unit: str) -> str:
     """Return an estimated error as text, with its unit."""
     return f"{error:.2g} {unit}" if math.isfinite(error) else "no bound"
 
 
-def peak_table(summary: Summary) -> Table:
+def _peak_table(summary: Summary) -> Table:
     """Make the table of the load peaks (or of their mean if there are many) and the largest values, in N, BW and mm.
 
     Stamps that are dates are given as the time since the first one: seconds since 1970 are too long to be read.
     """
+    weight = summary.body_weight
     begin = begin_of(summary.first_stamp)
+    several_runs = summary.runs > 1
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
-    headings = ["load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"] + [
-        "run"
-    ] * (summary.runs > 1)
+    headings = ["load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"]
+    if several_runs:
+        headings.append("run")
     for heading in headings:
         table.add_column(escape(heading), justify="right", no_wrap=True)
 
-    def moment(peak: Moment) -> tuple[str, ...]:
-        return stamp_text(peak.stamp, begin), *([str(peak.run)] if summary.runs > 1 else [])
-
-    def forces(load: float, force: float, depth: float) -> tuple[str, ...]:
-        weight = summary.body_weight
-        return (
-            f"{load:.1f}",
-            f"{load / weight:.2f}",
-            f"{force:.1f}",
-            f"{force / weight:.2f}",
-            f"{depth * MM:.3f}",
-        )
+    def add_row(name: str, doubtful: int, values: Sequence[float], moment: Moment | None) -> None:
+        load, force, depth = values
+        mark = _DOUBTFUL_MARK if doubtful & Status.IMPLAUSIBLE else ""
+        cells = [f"{load:.1f}", f"{load / weight:.2f}", f"{force:.1f}", f"{force / weight:.2f}"]
+        cells.append(f"{MM * depth:.3f}")
+        if moment:
+            cells.append(stamp_text(moment.stamp, begin))
+        if moment and several_runs:
+            cells.append(str(moment.run))
+        table.add_row(name + mark, *cells)
 
     peaks = summary.load_peaks
-    if len(peaks) > MOST_PEAKS:
+    if len(peaks) > _MAX_PEAKS:
+        status = reduce(or_, (peak.status for peak in peaks))
         _, *means, _, _ = np.mean(peaks, axis=0)
-        doubtful = any(peak.status & Status.IMPLAUSIBLE for peak in peaks)
-        table.add_row("mean peak" + DOUBTFUL * doubtful, *forces(*means), "")
-        peaks = []
-    for number, peak in enumerate(peaks, start=1):
-        values = forces(peak.load, peak.contact_force, peak.penetration_depth)
-        name = f"peak {number}" + DOUBTFUL * bool(peak.status & Status.IMPLAUSIBLE)
-        table.add_row(name, *values, *moment(peak))
-    load, force, depth = (
-        summary.peaks[name] for name in ("load", "contact_force", "penetration_depth")
-    )
-    largest = forces(load.load, force.contact_force, depth.penetration_depth)
-    stamps, one_run = (load.stamp, force.stamp, depth.stamp), load.run == force.run == depth.run
-    when = moment(depth) if one_run and max(stamps) - min(stamps) <= ONE_MOMENT else ("",)
-    doubtful = bool((load.status | force.status | depth.status) & Status.IMPLAUSIBLE)
-    table.add_row("largest" + DOUBTFUL * doubtful, *largest, *when)
+        add_row("mean peak", status, means, None)
+    else:
+        for number, peak in enumerate(peaks, start=1):
+            peak_values = peak.load, peak.contact_force, peak.penetration_depth
+            add_row(f"peak {number}", peak.status, peak_values, peak)
+    fields = "load", "contact_force", "penetration_depth"
+    largest = [summary.peaks[field] for field in fields]
+    stamps = [moment.stamp for moment in largest]
+    one_run = len({moment.run for moment in largest}) == 1
+    together = one_run and max(stamps) - min(stamps) <= _ONE_PEAK
+    status = reduce(or_, (moment.status for moment in largest))
+    values = [getattr(moment, field) for moment, field in zip(largest, fields, strict=True)]
+    add_row("largest", status, values, largest[-1] if together else None)
     if summary.flagged["IMPLAUSIBLE"]:
-        table.caption, table.caption_justify = "! from an answer that is IMPLAUSIBLE", "left"
-    if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours
+        table.caption = "! from an answer that is IMPLAUSIBLE"
+        table.caption_justify = "left"
+    # Large forces and hours may need more than the terminal has.
+    if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:
         table.collapse_padding = True
     return table
 
 
-def counts(counter: Mapping[str, int], total: int | None = None) -> str:
+def count_text(counter: Mapping[str, int], total: int | None = None) -> str:
     """Return the total of a counter as text, with the count of each name in brackets; `total` where names overlap."""
+    whole = str(sum(counter.values()) if total is None else total)
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
-    return f"{sum(counter.values()) if total is None else total}" + (
-        f" ({reasons})" if reasons else ""
-    )
+    return f"{whole} ({reasons})" if reasons else whole
 
 
 def _shares(levels: Mapping[str, int]) -> str:
@@ -150,14 +156,15 @@ def _shares(levels: Mapping[str, int]) -> str:
     )
 
 
-NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"
-
-
 def show_load(
     summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str
 ) -> None:
     """Print the peak of the joint reaction with its parts and standard deviation, its mean, and figures of the run."""
-    peak, stamps, weight = summary.peak, summary.stamps, parameters.person.constants.weight
+    peak = summary.peak
+    stamps = summary.stamps
+    weight = parameters.person.constants.weight
+    constants = "fitted to this person's knee" if summary.calibrated else _NOT_CALIBRATED
+    flagged = int(np.count_nonzero(summary.estimates["status"]))
     parts = {
         "largest joint reaction": peak.axial_force,
         "  without muscles": peak.resultant_force,
@@ -173,24 +180,14 @@ def show_load(
         [
             ("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s"),
             ("level", summary.level),
-            (
-                "constants",
-                "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED,
-            ),
+            ("constants", constants),
             *((name, safe_cell(value)) for name, value in rows.items()),
-            ("samples refused", counts(summary.refused)),
-            (
-                "estimates flagged",
-                counts(summary.flagged, int(np.count_nonzero(summary.estimates["status"]))),
-            ),
+            ("samples refused", count_text(summary.refused)),
+            ("estimates flagged", count_text(summary.flagged, flagged)),
         ]
     )
     say("")
     say(f"Bag: {output}")
-
-
-MOST_FAULTS = 20
-"""Largest number of faults that are printed"""
 
 
 def show_recovery(recovery: Recovery, output: str) -> None:
@@ -204,13 +201,11 @@ def show_recovery(recovery: Recovery, output: str) -> None:
         for topic, kind, count, missing in recovery.topics
     ]
     show_table(("topic, and its type", "messages", "missing"), rows, right=("messages", "missing"))
-    lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
     first, last = recovery.times
-    lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
-    lines += [f"- {fault}" for fault in recovery.faults[:MOST_FAULTS]]
-    if len(recovery.faults) > MOST_FAULTS:
-        lines.append(
-            f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata"
-        )
-    for line in [*lines, f"Recovered: {output}"]:
-        say(line)
+    say(f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
+    say(f"{recovery.unread} of {recovery.size} bytes could not be read")
+    for fault in recovery.faults[:_MAX_FAULTS]:
+        say(f"- {fault}")
+    if (others := len(recovery.faults) - _MAX_FAULTS) > 0:
+        say(f"- and {others} more, all in the file's metadata")
+    say(f"Recovered: {output}")

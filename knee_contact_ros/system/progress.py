@@ -13,6 +13,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from knee_contact_ros.system.errors import printable
+from knee_contact_ros.system.terminal import say
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -89,8 +90,6 @@ def announce(what: str) -> Iterator[None]:
     """Announce slow work on stderr: in the bar on the terminal, else with a clock; in a pipe as a line."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    from knee_contact_ros.system.terminal import say
 
     console = Console(stderr=True)
     if bar := _SHOWN_BAR.get():

@@ -1,4 +1,7 @@
-"""Lines and tables for people on the terminal, safe whatever foreign texts are in them."""
+"""Lines and tables for people on the terminal, safe whatever foreign texts are in them.
+
+Rich is imported when a table is made, so that commands which print lines only need not load it.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,14 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich import box
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Column, Table
 
 from knee_contact_ros.system.errors import printable
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 WIDTH = 78
 """Largest width of a table in columns: a terminal has 80"""
@@ -56,26 +58,36 @@ def show_table(
     **look: Any,
 ) -> None:
     """Print a table; columns `right` are right-justified. Foreign texts in cells must pass `safe_cell`."""
+    from rich import box
+    from rich.table import Table
+
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, **look)
     for heading in headings:
         table.add_column(
-            escape(heading), justify="right" if heading in right else "left", overflow="fold"
+            safe_cell(heading), justify="right" if heading in right else "left", overflow="fold"
         )
+    _print_rows(table, rows)
+
+
+def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
+    """Print names and values, a row each. Foreign texts in values must pass `safe_cell`."""
+    from rich.table import Column, Table
+
+    columns = Column(no_wrap=True), Column(overflow="fold")
+    _print_rows(Table(*columns, box=None, show_header=False, pad_edge=False), pairs)
+
+
+def _print_rows(table: Table, rows: Iterable[Sequence[str]]) -> None:
+    """Add rows to a table and print it."""
+    from rich.console import Console
+
     for row in rows:
         table.add_row(*row)
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
 
 
-def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
-    """Print names and values, a row each. Foreign texts in values must pass `safe_cell`."""
-    table = Table(
-        Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False
-    )
-    for pair in pairs:
-        table.add_row(*pair)
-    Console(width=WIDTH, emoji=False).print(table, highlight=False)
-
-
 def safe_cell(text: str) -> str:
-    """Safe text for a cell or a bar of Rich, whatever foreign names and texts are in it."""
+    """Return a text for a cell of Rich, safe whatever foreign names and texts are in it."""
+    from rich.markup import escape
+
     return escape(printable(text))
