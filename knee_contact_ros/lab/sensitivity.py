@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
+from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
 from knee_contact_ros.lab.study_file import Design, SpacedValues
-from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
+from knee_contact_ros.lab.sweep import Cohort, sweep
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import ParameterSource, first_error

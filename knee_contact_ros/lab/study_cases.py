@@ -20,19 +20,11 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest, model_digest, weight_of
 from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.lab.knees import VARIABLE_PREFIXES, Computed, Knees, compute, file_texts
+from knee_contact_ros.lab.outcomes import LATERAL, OUTCOME_RECORD
+from knee_contact_ros.lab.recordings import read_recording, recorded_doubt
 from knee_contact_ros.lab.shards import brief_reason, is_address
 from knee_contact_ros.lab.study_file import Study
-from knee_contact_ros.lab.sweep import (
-    LATERAL,
-    OF_A_RUN,
-    SECTIONS,
-    Computed,
-    Knees,
-    compute,
-    file_texts,
-    read_recording,
-    recorded_doubt,
-)
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.solve import with_weight
@@ -86,7 +78,7 @@ def local_bag(place: str) -> Iterator[tuple[Path, str]]:
 @lru_cache
 def answers_version() -> str:
     """Return a digest of the model's source and of the outcomes' definitions, which is part of every key."""
-    return short_digest(repr((model_digest(), KEY_VERSION, OF_A_RUN.names)))
+    return short_digest(repr((model_digest(), KEY_VERSION, OUTCOME_RECORD.names)))
 
 
 @lru_cache(64)
@@ -287,7 +279,7 @@ def _table(block: CaseBlock, knees: Knees, computed: Computed) -> pd.DataFrame:
     common = {
         name: value
         for name, value in all_values(knees.parameters).items()
-        if name.startswith(SECTIONS)
+        if name.startswith(VARIABLE_PREFIXES)
     }
     # A named lateral parameter follows its medial one, so both columns vary.
     varied = {*block.cases[0], *(LATERAL_KNEE + name for name in block.cases[0])}

@@ -32,7 +32,7 @@ from pydantic import (
     model_validator,
 )
 
-from knee_contact_ros.lab.sweep import check_may_vary
+from knee_contact_ros.lab.knees import check_may_vary
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import (
     check_value,

@@ -21,7 +21,8 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.reader import OWN_NAMES, Names
-from knee_contact_ros.lab.sweep import Knees, Recording, compute, read_recording
+from knee_contact_ros.lab.knees import Knees, compute
+from knee_contact_ros.lab.recordings import Recording, read_recording
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import Floats, Rows
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.lab.sweep import OUTCOMES, Knees, Recording, compute
+from knee_contact_ros.lab.knees import Knees, compute
+from knee_contact_ros.lab.outcomes import OUTCOMES
+from knee_contact_ros.lab.recordings import Recording
 from knee_contact_ros.model.types import FLAT, ContactState, Status
 from knee_contact_ros.parameters.files import load_parameters
 

@@ -21,11 +21,11 @@ import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import study as study_module
 from knee_contact_ros.lab import study_cases
+from knee_contact_ros.lab.outcomes import OUTCOMES
 from knee_contact_ros.lab.shards import ShardFolder
 from knee_contact_ros.lab.study import run_study
 from knee_contact_ros.lab.study_cases import groups_of
 from knee_contact_ros.lab.study_file import MAX_CASES, Sample, Study
-from knee_contact_ros.lab.sweep import OUTCOMES
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from tests import ROOT
 from tests.lab.sweep.studies import DAMPINGS, assert_same, computed, started, study, table

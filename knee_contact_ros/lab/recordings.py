@@ -1,0 +1,165 @@
+"""Inputs of all ticks of a gait, read from a bag or made from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knee_contact_ros.bags.provenance import Provenance, metadata_of
+from knee_contact_ros.bags.reader import OWN_NAMES, Names
+from knee_contact_ros.joint_reaction.compartments import LoadRule
+from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
+from knee_contact_ros.offline.solve import parameters_in, solve
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
+from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS
+from knee_contact_ros.system.progress import OnProgress, no_progress
+
+
+class Recording(NamedTuple):
+    """Inputs of all ticks of a recording, arrays of shape (n,)."""
+
+    stamps: NDArray[np.int64]
+    """Stamps [ns]"""
+    steps: Floats
+    """Time since the tick before [s]; 0 where a run begins"""
+    angles: Floats
+    """Flexion angle [rad]"""
+    axial: Floats
+    """Axial joint reaction [N], positive in compression"""
+    moment: Floats
+    """Frontal moment [N m]"""
+    heights: Floats
+    """Prescribed femoral height [m]; NaN where it is not prescribed"""
+    damage: tuple[str, ...] = ()
+    """Parts of the recording that cannot be read, a sentence each"""
+    doubts: tuple[str, ...] = ()
+    """What is implausible in it, a sentence each"""
+    share: float = 0.0
+    """Fraction of the axial load that is added to the medial compartment's share"""
+
+    @property
+    def begins(self) -> list[int]:
+        """Indices of the first tick of each run, followed by the number of ticks."""
+        return [*np.flatnonzero(self.steps == 0.0).tolist(), len(self.steps)]
+
+
+def read_recording(
+    bag: Path,
+    basis: Parameters | Provenance,
+    texts: Mapping[str, str],
+    names: Names = OWN_NAMES,
+    advance: OnProgress = no_progress,
+    *,
+    compiled: bool | None = None,
+) -> tuple[Recording, tuple[Rows, ...]]:
+    """Read the inputs of all ticks from a bag.
+
+    Args:
+        bag: Path of the bag.
+        basis: Parameters, or the provenance of a recording.
+        texts: Contents of the files that the parameters name, by parameter.
+        names: Names of the input topics.
+        advance: As for `solve`.
+        compiled: As for `solve`.
+
+    Returns:
+        The inputs, and the answers of each compartment, shape (n,): 300 B a tick.
+
+    Raises:
+        UsageError: the bag cannot be used, see `solve`.
+    """
+    inputs: list[tuple[Any, Any, Any]] = []
+    blocks: list[Sequence[Rows]] = []
+
+    def listen(stream: ContactPipeline) -> None:
+        class Noting(LoadRule):
+            def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
+                inputs.append((axial, moment, flexion))
+                return super().__call__(axial, moment, flexion)
+
+        stream.rule = Noting(**vars(stream.rule))
+
+    summary = solve(
+        bag,
+        basis,
+        None,
+        advance,
+        names=names,
+        compiled=compiled,
+        keep=blocks.append,
+        prepare=listen,
+        curves=texts,
+    )
+    columns = [[np.atleast_1d(one) for one in column] for column in zip(*inputs, strict=True)]
+    axial, moment, angles = (
+        np.ascontiguousarray(np.concatenate(column), dtype=float) for column in columns
+    )
+    rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    stamps, height = rows[0]["stamp"].copy(), rows[0]["femoral_height"].copy()
+    steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
+    steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
+    if parameters_in(basis).drive != "displacement":
+        height[:] = np.nan
+    doubts = tuple(filter(None, (*summary.warnings, summary.unanswered)))
+    return Recording(
+        stamps, steps, angles, axial, moment, height, tuple(summary.damage), doubts
+    ), rows
+
+
+def recorded_doubt(bag: Path) -> list[str]:
+    """Sentence that a recording is computed with other parameters than its own; empty list if the bag is none."""
+    if PROVENANCE not in dict(metadata_of(bag)):
+        return []
+    doubt = f"without params its own parameters are not used, but {DEFAULT_PARAMETERS}"
+    return [f"it is a recording; {doubt}"]
+
+
+def recording_of(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
+    """Make a recording from arrays by name, see `sweep`.
+
+    Raises:
+        UsageError: arrays are missing for the parameters, are not allowed, or do not fit.
+    """
+    needed = ["time", "flexion_angle"]
+    allowed = ["time", "flexion_angle", "axial_load", "frontal_moment"]
+    if parameters.drive == "displacement":
+        needed += ["femoral_height"]
+        allowed += ["femoral_height"]
+        unknown = 0.0
+    else:
+        needed += ["axial_load"]
+        needed += ["frontal_moment"] if parameters.load.rule == "moment_balance" else []
+        unknown = np.nan
+    if not {*needed} <= {*gait} <= {*allowed}:
+        inputs = f"these parameters need {', '.join(needed)} and allow {', '.join(allowed)}"
+        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {inputs}")
+    columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
+    time = columns["time"]
+    shapes = {column.shape for column in columns.values()}
+    if len(shapes) > 1 or time.ndim != 1 or not len(time):
+        raise UsageError("gait: the arrays must be one-dimensional and of equal length")
+    finite = all(np.isfinite(column).all() for column in columns.values())
+    if not finite or any(map(np.ma.is_masked, gait.values())):
+        raise UsageError("gait: the arrays must be finite, and not masked")
+    stamps = np.rint(time / NANOSECOND).astype(np.int64)
+    if (np.diff(stamps) <= 0).any():
+        raise UsageError("gait: time must increase")
+
+    def column(name: str) -> Floats:
+        return columns.get(name, np.full(len(time), unknown))
+
+    return Recording(
+        stamps,
+        np.diff(stamps, prepend=stamps[:1]) * NANOSECOND,
+        columns["flexion_angle"],
+        column("axial_load"),
+        column("frontal_moment"),
+        column("femoral_height"),
+    )
