@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from benchmarks.gait import BODY_WEIGHT
-from knee_contact_ros.lab.report.figures import COMPUTED, Range
+from knee_contact_ros.lab.report.figures import COMPUTED, PublishedRange
 from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from studies.reproduction.scenes import (
     ARTHRITIC,
@@ -109,7 +109,7 @@ def _newton(time: float) -> str:
     return f"{at(time, gait('right')[2]):.1f} N at {time:.3f} s"
 
 
-def _why(time: float, bounds: Range) -> str:
+def _why(time: float, bounds: PublishedRange) -> str:
     inside = "inside" if bounds.lowest <= load_peak(time) <= bounds.highest else "outside"
     return (
         f"{_newton(time)}: equal to the digits printed; {inside} the range of {bounds.lowest:g} to "
@@ -339,7 +339,7 @@ def needed(depth: float) -> tuple[float, float]:
 
 
 def height_range(*files: str) -> float:
-    """Range of the femoral height [m] over the complete cycle."""
+    """PublishedRange of the femoral height [m] over the complete cycle."""
     return float(np.ptp(run(*files).femoral_height[within(*CYCLE)]))
 
 

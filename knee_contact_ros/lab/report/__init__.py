@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +12,24 @@ import numpy as np
 import pandas as pd
 
 from knee_contact_ros import __version__
-from knee_contact_ros.lab.report import figures, runs
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, NONE, PERCENT, SECOND, Run
+from knee_contact_ros.lab.report import figures
+from knee_contact_ros.lab.report.figures import MICRO
+from knee_contact_ros.lab.report.gathered import (
+    CYCLE_CURVES,
+    CYCLE_PERCENT,
+    EVENT_COLUMNS,
+    FIRST_PEAK,
+    PEAK_COLUMNS,
+    SECOND_PEAK,
+    Gathered,
+)
+from knee_contact_ros.lab.report.runs import (
+    NO_VALUE,
+    ReportOptions,
+    ReportRun,
+    collect,
+    differences,
+)
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.types import MM, ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
@@ -25,26 +40,22 @@ from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import warn
 
-OLDEST = (3, 7)
+_OLDEST_MATPLOTLIB = (3, 7)
 """Oldest version of matplotlib that puts legends outside of axes; Ubuntu 24.04 has 3.6"""
-EXTRA, PAGE, TEMPLATE, UNCERTAINTY = (
-    "report",
-    "report.html",
-    "report.html.jinja",
-    "uncertainty.csv",
-)
-PICTURES = (
+_PAGE = "report.html"
+_TEMPLATE = "report.html.jinja"
+_UNCERTAINTY_FILE = "uncertainty.csv"
+_PICTURES = (
     "knee_[0-9]*",
     "over_time_[0-9]*",
     "uncertainty_[0-9]*",
-    *(q.figure for q in CURVES.values() if q.figure),
+    *(q.figure for q in CYCLE_CURVES.values() if q.figure),
 )
 """Patterns of the names of the pictures, without their suffix"""
-EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
+_EARLIER_FILES = (*(f"{name}.png" for name in _PICTURES), _UNCERTAINTY_FILE)
 """Patterns of the files of an earlier report that are removed"""
-DOUBTFUL = " (implausible)"
+_IMPLAUSIBLE_MARK = " (implausible)"
 """Mark of values from a tick that is `IMPLAUSIBLE`"""
-MICRO = 1e6
 UNCERTAINTY_COLUMNS = (
     "input",
     "standard_deviation",
@@ -53,14 +64,15 @@ UNCERTAINTY_COLUMNS = (
     "depth_rms_um",
     "force_rms_N",
 )
-# "at_largest_load": where the femoral height drives, at the largest contact force
-QUANTITIES = (
+"""Columns of uncertainty.csv, after the run's label; where the femoral height drives, the largest contact force stands
+for the largest load"""
+_PEAK_QUANTITIES = (
     ("load_BW", "load [BW]", ".2f"),
     ("contact_force_BW", "contact force [BW]", ".2f"),
     ("penetration_depth_mm", "depth [mm]", ".3f"),
 )
 """Quantities of the first table, with their names there and digits"""
-CYCLE_ROWS = (
+_CYCLE_ROWS = (
     ("cycle [s]", "duration_s", ".3f"),
     ("stance [% of the cycle]", "stance_percent", ".1f"),
     ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
@@ -82,15 +94,15 @@ CYCLE_ROWS = (
 """Rows of the table of cycles: name, number of a cycle (divided by the body weight if the unit has BW), and digits"""
 
 
-class Table(NamedTuple):
-    """Table of texts whose first column has the names of the rows."""
+class PageTable(NamedTuple):
+    """PageTable of texts whose first column has the names of the rows."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
 
 
-def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
+def run_report(options: ReportOptions, output: Path) -> list[Path]:
     """Write the report into the folder `output`; return the paths of its files, the page first.
 
     Raises:
@@ -99,39 +111,39 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
     """
     import matplotlib as mpl
 
-    if mpl.__version_info__[:2] < OLDEST:
-        raise UsageError(f"matplotlib {mpl.__version__} is too old; {install_command(EXTRA)}")
+    if mpl.__version_info__[:2] < _OLDEST_MATPLOTLIB:
+        raise UsageError(f"matplotlib {mpl.__version__} is too old; {install_command('report')}")
     if options.labels and len(options.labels) != len(options.files):
         raise UsageError(
             f"--label: {len(options.labels)} given for {len(options.files)} FILEs; give one each, or none"
         )
     with work_folder(output) as work:
         with progress("Reading") as bar:
-            found = runs.collect(options, work, bar)
+            found = collect(options, work, bar)
             bar.describe("Drawing")
-            files = contents(found)
+            files = _contents(found)
         for name, content in files.items():
             (work / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-        for earlier in [path for pattern in EARLIER for path in output.glob(pattern)]:
+        for earlier in [path for pattern in _EARLIER_FILES for path in output.glob(pattern)]:
             earlier.unlink()
         for name in files:
             replace(work / name, output / name)
     damage = [sentence for run in found if run.beside is None for sentence in run.damage]
     if damage:
         raise IncompleteError(
-            f"{output / PAGE} shows what can be read of a damaged bag: {join_faults(damage)}"
+            f"{output / _PAGE} shows what can be read of a damaged bag: {join_faults(damage)}"
         )
     kept = sorted({f"{run.name} keeps {', '.join(run.kept)}" for run in found if run.kept})
     warn(f"--compare: {line}" for line in kept)
     return [output / name for name in files]
 
 
-def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
+def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
     """Contents of all files of the report by name, the page first."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     cyclic = [run for run in found if run.gathered.spans]
-    known = [(run, contribution_table(run, run.uncertain)) for run in found if run.uncertain]
+    known = [(run, _contribution_table(run, run.uncertain)) for run in found if run.uncertain]
     drawn = {
         "knees": figures.knees(found),
         "cycle": figures.over_cycle(found, cyclic) if cyclic else [],
@@ -148,166 +160,181 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     bases = [run for run in found if run.beside is None]
     loads = (figures.which_load(run.parameters) for run in found if not run.prescribed)
-    page = environment.get_template(TEMPLATE).render(
+    page = environment.get_template(_TEMPLATE).render(
         title=f"Knee contact: {', '.join(run.name for run in bases)}",
-        lead=lead(bases),
+        lead=_lead(bases),
         loads="; ".join(dict.fromkeys(loads)),
         version=__version__,
         found=found,
-        first=first_table(found),
-        differences=what_differs(found),
+        first=_peak_table(found),
+        differences=_what_differs(found),
         drawn=drawn,
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
-        cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
+        cycles=_side_by_side([_cycle_summary(run) for run in cyclic], cyclic),
         still=bool(cyclic) and not figures.moves(cyclic),
         uncertain=[
             (run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)
         ],
-        runs=[
-            (run, runs.between([run.parameters, Parameters()], " instead of ")) for run in found
-        ],
+        runs=[(run, differences([run.parameters, Parameters()], " instead of ")) for run in found],
     )
     pictures = {
         f"{figure.name}.png": figure.png for several in drawn.values() for figure in several
     }
-    return {PAGE: page, **tables(found), **pictures}
+    return {_PAGE: page, **_csv_files(found), **pictures}
 
 
-def lead(bases: Sequence[Run]) -> str:
+def _lead(bases: Sequence[ReportRun]) -> str:
     """Summarise the page in a sentence; ticks and cycles that both compartments of a knee share count once."""
     knees = [run.gathered for run in bases if not is_lateral(run.topic)]
-    cycles, files = sum(len(of.spans) for of in knees), len({run.source for run in bases})
-    return (
-        f"Tibiofemoral contact in {files} recording{'s' * (files != 1)}: {sum(of.ticks for of in knees)} ticks, "
-        f"{cycles} whole gait cycle{'s' * (cycles != 1)}."
-    )
+    files = _count(len({run.source for run in bases}), "recording")
+    cycles = _count(sum(len(knee.spans) for knee in knees), "whole gait cycle")
+    ticks = sum(knee.ticks for knee in knees)
+    return f"Tibiofemoral contact in {files}: {ticks} ticks, {cycles}."
 
 
-def what_differs(found: Sequence[Run]) -> list[str]:
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _what_differs(found: Sequence[ReportRun]) -> list[str]:
     """List the parameters that differ, a line each: in comparisons, and between the recordings."""
     changes = {}
-    for run, base in ((run, found[run.beside]) for run in found if run.beside is not None):
-        lines = runs.between([base.parameters if base.known else None, run.parameters], " → ")
-        changes[run.name] = lines or ["the comparison changes nothing"]
+    for run in found:
+        if run.beside is not None:
+            base = found[run.beside]
+            both = [base.parameters if base.known else None, run.parameters]
+            changes[run.name] = differences(both, " → ") or ["the comparison changes nothing"]
     if len(set(map(tuple, changes.values()))) == 1:
         lines = list(next(iter(changes.values())))
     else:
         lines = [f"{name}: {line}" for name, several in changes.items() for line in several]
-    return lines + runs.between(
-        [run.parameters for run in found if run.beside is None and run.known]
-    )
+    known = [run.parameters for run in found if run.beside is None and run.known]
+    return lines + differences(known)
 
 
-def first_table(found: Sequence[Run]) -> Table:
+def _peak_table(found: Sequence[ReportRun]) -> PageTable:
     """Compare each run's largest values, as `solve` prints them, and the means of its peaks of stance."""
     kinds = [
         which
-        for which in (FIRST, SECOND)
+        for which in (FIRST_PEAK, SECOND_PEAK)
         if any((run.gathered.peaks["peak"] == which).any() for run in found)
     ]
-    columns, notes = [], ["Largest: anywhere in the recording."]
-    notes += (
-        ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."]
-        if kinds
-        else []
-    )
+    notes = ["Largest: anywhere in the recording."]
+    if kinds:
+        notes.append(
+            "First and second peak: of the stances in whole gait cycles, mean ± standard deviation."
+        )
+    columns = []
     for run in found:
-        of, cells = run.gathered, []
-        for column, name, digits in QUANTITIES:
-            values = of.columns[CURVES[column].field]
-            at = int(np.argmax(values))
-            mark = DOUBTFUL * bool(int(of.columns["status"][at]) & Status.IMPLAUSIBLE)
-            value = f"{CURVES[column].scaled(values[at], run.weight):{digits}}{mark}"
-            cells.append(
-                (f"largest {name}", NONE if column == "load_BW" and run.prescribed else value)
-            )
+        cells = _largest_values(run)
         for which in kinds:
-            group = of.peaks[of.peaks["peak"] == which]
-            mark = DOUBTFUL * bool((group["status"].to_numpy(int) & Status.IMPLAUSIBLE).any())
-            cells += [
-                (f"{which} peak: {name}", _spread(group[column], digits) + mark)
-                for column, name, digits in QUANTITIES
-            ]
+            group = run.gathered.peaks[run.gathered.peaks["peak"] == which]
+            mark = _implausible(group["status"].to_numpy(int))
+            for column, name, digits in _PEAK_QUANTITIES:
+                cells.append((f"{which} peak: {name}", _spread(group[column], digits) + mark))
         columns.append(cells)
-        stamp, what = int(of.columns["stamp"][of.largest]), of.driving.replace("_", " ")
-        if (
-            run.beside is None
-            and kinds
-            and not any(span.start <= stamp < span.end for span in of.spans)
-        ):
+        gathered = run.gathered
+        stamp = int(gathered.columns["stamp"][gathered.largest])
+        in_cycle = any(span.start <= stamp < span.end for span in gathered.spans)
+        if run.beside is None and kinds and not in_cycle:
+            what = gathered.driving.replace("_", " ")
             where = f"{run.label}, at {stamp / NANOSECONDS:.3f} s,"
             notes.append(f"The largest {what} of {where} is not within a whole gait cycle.")
     return _side_by_side(columns, found, " ".join(notes))
 
 
-def cycle_summary(run: Run) -> list[tuple[str, str]]:
-    """Rows of the table of cycles by name: mean and spread of the characteristic values."""
-    weight, strides = run.weight, run.gathered.strides
+def _largest_values(run: ReportRun) -> list[tuple[str, str]]:
+    """Return names and texts of the largest values of a run."""
+    cells = []
+    for column, name, digits in _PEAK_QUANTITIES:
+        quantity = CYCLE_CURVES[column]
+        values = run.gathered.columns[quantity.field]
+        at = int(np.argmax(values))
+        text = f"{quantity.scaled(values[at], run.weight):{digits}}"
+        text += _implausible(run.gathered.columns["status"][at])
+        if column == "load_BW" and run.prescribed:
+            text = NO_VALUE
+        cells.append((f"largest {name}", text))
+    return cells
+
+
+def _implausible(status: Any) -> str:
+    """Return the mark of a value if one of the ticks that it comes from is implausible."""
+    return _IMPLAUSIBLE_MARK if np.any(status & int(Status.IMPLAUSIBLE)) else ""
+
+
+def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:
+    """Return the rows of the table of cycles by name: mean and spread of the characteristic values."""
+    strides = run.gathered.strides
     rows = [("cycles", str(len(strides)))]
-    for name, key, digits in CYCLE_ROWS:
-        own = strides[key][: 0 if name.startswith("bone") and not run.has_bone else None]
-        rows.append((name, _spread(own / (weight if "[BW" in name else 1.0), digits)))
+    for name, key, digits in _CYCLE_ROWS:
+        values = strides[key] / (run.weight if "[BW" in name else 1.0)
+        if name.startswith("bone") and not run.has_bone:
+            values = values[:0]
+        rows.append((name, _spread(values, digits)))
     return rows
 
 
-def summary(run: Run) -> dict[str, str]:
-    """Rows of the table on the whole run and its accuracy, by name."""
-    of, bits = run.gathered, Counter[str]()
-    stamps, state, status = of.columns["stamp"], of.columns["contact_state"], of.columns["status"]
-    apart, missing, time = (
-        state == ContactState.SEPARATED,
-        of.strikes - len(of.spans),
-        float(of.seconds.sum()),
+def summary(run: ReportRun) -> dict[str, str]:
+    """Return the rows of the table on the whole run and its accuracy, by name."""
+    gathered = run.gathered
+    stamps, state, status = (
+        gathered.columns[name] for name in ("stamp", "contact_state", "status")
     )
-    left_out = (
-        f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
-    )
-    bits.update(
-        {bit.name or "": n for bit in Status if (n := int(np.count_nonzero(status & bit)))}
-    )
+    time = float(gathered.seconds.sum())
+    rate = f"{(gathered.ticks - 1) / time:.0f} Hz" if time else "one tick"
+    cycles = str(len(gathered.spans))
+    missing = gathered.strikes - len(gathered.spans)
+    if missing > 0:
+        cycles += f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
+    bone = "the contact law has one layer"
+    if run.has_bone:
+        bone = _time_of(gathered, state == ContactState.BONE)
+    flags = {bit.name or "": int(np.count_nonzero(status & bit)) for bit in Status}
+    not_converged = flags.pop("NOT_CONVERGED")
     otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
-
-    def told(which: Any) -> str:
-        """Time of some ticks, and its fraction of the whole."""
-        part = float(of.seconds[which].sum())
-        return f"{part:.3f} s ({100.0 * part / (time or 1.0):.1f} %)"
-
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
         "load": figures.which_load(run.parameters),
         "from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
-        "ticks": f"{of.ticks} in {time:.2f} s ({f'{(of.ticks - 1) / time:.0f} Hz' if time else 'one tick'})",
-        "gait cycles": f"{len(of.spans)}{left_out if missing > 0 else ''}",
+        "ticks": f"{gathered.ticks} in {time:.2f} s ({rate})",
+        "gait cycles": cycles,
         "pressure": figures.pressure_of(run),
-        "in bone contact": told(state == ContactState.BONE)
-        if run.has_bone
-        else "the contact law has one layer",
-        "lifted off": told(apart),
-        "error bound of the depth": _bounds(MICRO * of.columns["error_estimate"], "µm", MICRO),
-        "error bound of the contact force": _bounds(
-            of.columns["force_error_estimate"], "N", math.inf
+        "in bone contact": bone,
+        "lifted off": _time_of(gathered, state == ContactState.SEPARATED),
+        "error bound of the depth": _bounds(
+            MICRO * gathered.columns["error_estimate"], "µm", MICRO
         ),
-        "ticks not converged": str(bits.pop("NOT_CONVERGED", 0)),
-        "ticks flagged otherwise": f"{otherwise}{_counted(bits)}",
+        "error bound of the contact force": _bounds(
+            gathered.columns["force_error_estimate"], "N", math.inf
+        ),
+        "ticks not converged": str(not_converged),
+        "ticks flagged otherwise": f"{otherwise}{_counted(flags)}",
         "samples refused": f"{sum(run.refused.values())}{_counted(run.refused)}",
-        "contact law evaluations": f"{of.columns['evaluations'].mean():.1f} a tick",
+        "contact law evaluations": f"{gathered.columns['evaluations'].mean():.1f} a tick",
     }
 
 
+def _time_of(gathered: Gathered, which: Any) -> str:
+    """Return the time of some ticks, and its fraction of the whole, as text."""
+    part = float(gathered.seconds[which].sum())
+    return f"{part:.3f} s ({100.0 * part / (float(gathered.seconds.sum()) or 1.0):.1f} %)"
+
+
 def _counted(counts: Mapping[str, int]) -> str:
-    """Numbers with their reasons, in brackets."""
-    return (
-        f" ({', '.join(f'{count} × {name}' for name, count in counts.items())})" if counts else ""
-    )
+    """Return the numbers above 0 with their reasons, in brackets."""
+    texts = [f"{count} × {name}" for name, count in counts.items() if count]
+    return f" ({', '.join(texts)})" if texts else ""
 
 
-def contribution_table(run: Run, of: Propagated) -> Table:
-    """Table with the effect of each input's standard deviation, of all together, and the numerical error."""
+def _contribution_table(run: ReportRun, of: Propagated) -> PageTable:
+    """Make a table with the effect of each input's standard deviation, of all together, and the numerical error."""
     rows = [
         (name, deviation, *(f"{number:.3g}" for number in numbers[:3]))
-        for name, deviation, *numbers in contributions(run, of)
+        for name, deviation, *numbers in _contributions(run, of)
     ]
-    at, where = int(of.rows[run.gathered.driving].argmax()), run.gathered.driving.replace("_", " ")
+    at = int(of.rows[run.gathered.driving].argmax())
+    where = run.gathered.driving.replace("_", " ")
     low, high = (MM * edge[at] for edge in of.depth_interval())
     least, most = (edge[at] for edge in of.force_interval())
     note = (
@@ -315,85 +342,80 @@ def contribution_table(run: Run, of: Propagated) -> Table:
         f"{low:.3f} and {high:.3f} mm, and the contact force between {least:.0f} and {most:.0f} N ({LEVEL:.0%}). "
         "RMS: over all ticks."
     )
-    return Table(("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]"), rows, note)
+    return PageTable(("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]"), rows, note)
 
 
-def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
-    """Effects of each input's standard deviation, of all together, and the numerical error.
+def _contributions(run: ReportRun, of: Propagated) -> Iterator[tuple[Any, ...]]:
+    """Yield the effects of each input's standard deviation, of all together, and the numerical error.
 
     Each item has a name, the standard deviation as text, the effects on depth [µm] and force [N] at the largest load
     (or contact force) with their signs, and the RMS of these effects over all ticks, in the same units.
     """
     at = int(of.rows[run.gathered.driving].argmax())
-    effects = [(deviation.name, deviation.text, *part) for deviation, part in of.parts.items()]
-    effects.append((figures.ALL_OF_THEM, "", of.depth, of.force))
-    effects.append(
-        (figures.NUMERICAL, "", of.rows["error_estimate"], of.rows["force_error_estimate"])
-    )
-    for name, deviation, depth, force in effects:
+    errors = (of.rows["error_estimate"], of.rows["force_error_estimate"])
+    for name, deviation, depth, force in (
+        *((deviation.name, deviation.text, *part) for deviation, part in of.parts.items()),
+        (figures.ALL_INPUTS, "", of.depth, of.force),
+        (figures.NUMERICAL_ERROR, "", *errors),
+    ):
         rms = [float(np.sqrt(np.mean(np.square(each)))) for each in (depth, force)]
         yield name, deviation, MICRO * float(depth[at]), float(force[at]), MICRO * rms[0], rms[1]
 
 
-def tables(found: Sequence[Run]) -> dict[str, str]:
-    """Contents of the report's CSV files by file name: floats with nine significant digits, NaN as an empty cell."""
+def _csv_files(found: Sequence[ReportRun]) -> dict[str, str]:
+    """Return the CSV files by name: floats with nine significant digits, NaN as an empty cell."""
     several = {
-        "cycles.csv": [curves_of(run) for run in found],
-        "events.csv": [run.gathered.events[[*runs.EVENT_COLUMNS]] for run in found],
-        "peaks.csv": [run.gathered.peaks[[*runs.PEAK_COLUMNS]] for run in found],
+        "cycles.csv": [_mean_curves(run) for run in found],
+        "events.csv": [run.gathered.events[[*EVENT_COLUMNS]] for run in found],
+        "peaks.csv": [run.gathered.peaks[[*PEAK_COLUMNS]] for run in found],
         "strides.csv": [run.gathered.strides for run in found],
     }
     if any(run.uncertain for run in found):
-        several[UNCERTAINTY] = [
-            pd.DataFrame(
-                contributions(run, run.uncertain) if run.uncertain else [],
-                columns=[*UNCERTAINTY_COLUMNS],
-            )
-            for run in found
-        ]
+        rows = [_contributions(run, run.uncertain) if run.uncertain else [] for run in found]
+        columns = [*UNCERTAINTY_COLUMNS]
+        several[_UNCERTAINTY_FILE] = [pd.DataFrame(each, columns=columns) for each in rows]
     files = {}
     for name, parts in several.items():
-        for run, rows in zip(found, parts, strict=True):
-            rows.insert(0, "run", run.label)
-        joined = pd.concat([rows for rows in parts if len(rows)] or parts[:1])
+        for run, part in zip(found, parts, strict=True):
+            part.insert(0, "run", run.label)
+        joined = pd.concat([part for part in parts if len(part)] or parts[:1])
         files[name] = joined.to_csv(index=False, float_format="%.9g", lineterminator="\n")
     return files
 
 
-def curves_of(run: Run) -> pd.DataFrame:
+def _mean_curves(run: ReportRun) -> pd.DataFrame:
     """Return the columns of cycles.csv: mean and (for several cycles) standard deviation at every percent."""
-    columns = {"gait_cycle_percent": PERCENT.astype(int), "cycles": len(run.gathered.spans)}
-    for name, quantity in CURVES.items():
+    cycles = len(run.gathered.spans)
+    columns = {"gait_cycle_percent": CYCLE_PERCENT.astype(int), "cycles": cycles}
+    for name, quantity in CYCLE_CURVES.items():
         curves = pd.DataFrame(quantity.scaled(run.gathered.curves[quantity.field], run.weight))
-        columns |= {
-            f"{name}_mean": curves.mean(skipna=False),
-            f"{name}_sd": curves.std(skipna=False),
-        }
-    return pd.DataFrame(columns)[: None if run.gathered.spans else 0]
+        columns[f"{name}_mean"] = curves.mean(skipna=False)
+        columns[f"{name}_sd"] = curves.std(skipna=False)
+    return pd.DataFrame(columns)[: None if cycles else 0]
 
 
 def _side_by_side(
-    columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run], note: str = ""
-) -> Table:
+    columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[ReportRun], note: str = ""
+) -> PageTable:
     """Make a table with a row for each quantity (name and text) that some run has, and a column for each run."""
-    rows = [
-        (several[0][0], *(text for _, text in several)) for several in zip(*columns, strict=True)
-    ]
-    return Table(
-        ("", *(run.label for run in found)), [row for row in rows if {*row[1:]} != {NONE}], note
-    )
+    rows = []
+    for cells in zip(*columns, strict=True):
+        texts = [text for _, text in cells]
+        if set(texts) != {NO_VALUE}:
+            rows.append([cells[0][0], *texts])
+    return PageTable(("", *(run.label for run in found)), rows, note)
 
 
 def _spread(values: pd.Series[float], digits: str) -> str:
-    """Mean and sample standard deviation of some values in a number format; a dash where one is not finite."""
+    """Return the mean and sample standard deviation in a number format; a dash if a value is not finite."""
     if not len(values) or not np.isfinite(values).all():
-        return NONE
+        return NO_VALUE
     mean = f"{values.mean():{digits}}"
     return mean if len(values) == 1 else f"{mean} ± {values.std():{digits}}"
 
 
 def _bounds(errors: Any, unit: str, most: float) -> str:
-    """Text of the largest and the median error bound; NaN, or `most` and more, means no bound."""
+    """Return the text of the largest and the median error bound; NaN, or `most` and more, means no bound."""
     if np.isnan(errors).all():
         return "not in this recording"
     bounds = np.nan_to_num(errors, nan=math.inf)

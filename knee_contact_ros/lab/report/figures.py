@@ -14,8 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, PERCENT, SECOND, Quantity, Run
-from knee_contact_ros.lab.uncertainty import LEVEL
+from knee_contact_ros.lab.report.gathered import (
+    CYCLE_CURVES,
+    CYCLE_PERCENT,
+    FIRST_PEAK,
+    SECOND_PEAK,
+    Quantity,
+)
+from knee_contact_ros.lab.report.runs import ReportRun
+from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
@@ -24,36 +31,48 @@ from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.view import picture
 
 MICRO = 1e6
-HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
+_HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
 """Colours of runs and of uncertain inputs, by Okabe and Ito: colour-blind readers can distinguish them"""
-DPI = 200
-LINE, LETTERS = 0.19, 50
-"""Height of a legend line [in], and its number of letters"""
-WIDTH, CYCLE, TIME, UNCERTAIN = 4.4, 2.9, 5.2, 6.0
-"""Width of a figure, and heights of figures over a cycle (without legend), over time and of uncertainty [in]: small, so
-that text stays readable on a phone"""
-KNEE = 3.0
+_DOTS_PER_INCH = 200
+_LEGEND_LINE = 0.19
+"""Height of a legend line [in]"""
+_LEGEND_LETTERS = 50
+"""Number of letters of a legend line"""
+_WIDTH = 4.4
+"""Width of a figure [in]: small, so that text stays readable on a phone"""
+_CYCLE_HEIGHT = 2.9
+"""Height of a figure over a cycle, without legend [in]"""
+_TIME_HEIGHT = 5.2
+"""Height of a figure over time [in]"""
+_UNCERTAINTY_HEIGHT = 6.0
+"""Height of a figure of uncertainty, without legend [in]"""
+_KNEE_HEIGHT = 3.0
 """Height of a knee [in]"""
-LEAST_WAY = 0.01
+_LEAST_MOTION = 0.01
 """Smallest motion of the contact point [mm] for which it is drawn"""
-FEW, FEW_EVENTS, FEW_POINTS = 12, 60, 20
-"""Largest numbers of single cycles drawn and of gait events marked, as more cannot be distinguished; and the number of
-points below which each one is marked, as a line alone may be invisible"""
-MARKS = {
+_MOST_CYCLES = 12
+"""Largest number of single cycles drawn, as more cannot be distinguished"""
+_MOST_EVENTS = 60
+"""Largest number of gait events marked"""
+_FEW_POINTS = 20
+"""Number of points below which each one is marked, as a line alone may be invisible"""
+_EVENT_LINES = {
     HEEL_STRIKE: {"color": "0.25", "linestyle": "-"},
     TOE_OFF: {"color": "0.25", "linestyle": ":"},
 }
-BONE: Any = {"color": "0.35", "linestyle": ":", "linewidth": 1.2}
+_BONE_LINE: Any = {"color": "0.35", "linestyle": ":", "linewidth": 1.2}
 """Line of the depth where bone begins"""
-AROUND, LEAST = 1.0, 1e-3
-"""Time [s] that a figure of uncertainty shows on either side of the largest load or contact force, and the smallest
-deviation of the depth in it [µm]"""
-ALL_OF_THEM, NUMERICAL = "all of them together", "numerical error (bound)"
-CARTILAGE_THICKNESS = 3.0
+_SHOWN_TIME = 1.0
+"""Time [s] that a figure of uncertainty shows on either side of the largest load or contact force"""
+_LEAST_EFFECT = 1e-3
+"""Smallest deviation of the depth in it [µm]"""
+ALL_INPUTS = "all of them together"
+NUMERICAL_ERROR = "numerical error (bound)"
+_CARTILAGE_THICKNESS = 3.0
 """Thickness of resting cartilage [mm] that the range of depths assumes, as the model's paper does"""
 
 
-class Range(NamedTuple):
+class PublishedRange(NamedTuple):
     """Published range of the peak of a force or depth."""
 
     what: str
@@ -72,31 +91,39 @@ class Range(NamedTuple):
         return f"{self.what} [{', '.join(map(str, self.sources))}]"
 
 
-FIRST_PEAK, SECOND_PEAK, STANCE = (8.0, 24.0), (38.0, 54.0), (8.0, 54.0)
-"""Percent of the gait cycle in which the peaks of stance are expected"""
+_FIRST_PEAK_WINDOW = (8.0, 24.0)
+"""Percent of the gait cycle in which the first peak of stance is expected"""
+_SECOND_PEAK_WINDOW = (38.0, 54.0)
+"""Percent of the gait cycle in which the second peak is expected"""
+_STANCE_WINDOW = (8.0, 54.0)
+"""Both, and what is between"""
+_OF_HEALTHY = "computed, healthy people: 1.8–2, 2–2.3 BW"
+_IN_VIVO = "total, in vivo, knee implants"
 TOTAL = (
-    Range("total, in vivo, knee implants: 2.5–2.8 BW", 2.5, 2.8, STANCE, (2,)),
-    Range("total, in vivo, knee implants: mean 2.61 BW", 2.61, 2.61, STANCE, (1,)),
+    PublishedRange(f"{_IN_VIVO}: 2.5–2.8 BW", 2.5, 2.8, _STANCE_WINDOW, (2,)),
+    PublishedRange(f"{_IN_VIVO}: mean 2.61 BW", 2.61, 2.61, _STANCE_WINDOW, (1,)),
 )
+"""Ranges of the force of the whole joint"""
 COMPUTED = (
-    Range("computed, healthy people: 1.8–2, 2–2.3 BW", 1.8, 2.0, FIRST_PEAK, (4,)),
-    Range("computed, healthy people: 1.8–2, 2–2.3 BW", 2.0, 2.3, SECOND_PEAK, (4,)),
+    PublishedRange(_OF_HEALTHY, 1.8, 2.0, _FIRST_PEAK_WINDOW, (4,)),
+    PublishedRange(_OF_HEALTHY, 2.0, 2.3, _SECOND_PEAK_WINDOW, (4,)),
 )
 """Computed ranges of the first and the second peak, with which the model's paper compares its own results"""
-MEDIAL = (
-    Range(
+OF_MEDIAL = (
+    PublishedRange(
         "60–80 % of the total in vivo (knee implants: 2.5–2.8 BW)",
         0.6 * 2.5,
         0.8 * 2.8,
-        STANCE,
+        _STANCE_WINDOW,
         (2, 3),
     ),
     *COMPUTED,
 )
-DEPTH = Range(
-    f"in vivo, MRI and fluoroscopy: 7–23 % of {CARTILAGE_THICKNESS:g} mm",
-    0.07 * CARTILAGE_THICKNESS,
-    0.23 * CARTILAGE_THICKNESS,
+"""Ranges of the force of the medial compartment"""
+_OF_DEPTH = PublishedRange(
+    f"in vivo, MRI and fluoroscopy: 7–23 % of {_CARTILAGE_THICKNESS:g} mm",
+    0.07 * _CARTILAGE_THICKNESS,
+    0.23 * _CARTILAGE_THICKNESS,
     (0.0, 100.0),
     (5,),
 )
@@ -114,20 +141,15 @@ class Figure(NamedTuple):
     """The picture in PNG format"""
 
 
-FLEXION, FORCE, DEPTHS, POINT, PRESSURE, PATCH = (
-    CURVES[name]
-    for name in (
-        "flexion_angle_deg",
-        "contact_force_BW",
-        "penetration_depth_mm",
-        "contact_point_x_mm",
-        "peak_pressure_MPa",
-        "patch_half_width_mm",
-    )
-)
+_FLEXION = CYCLE_CURVES["flexion_angle_deg"]
+_FORCE = CYCLE_CURVES["contact_force_BW"]
+_DEPTH = CYCLE_CURVES["penetration_depth_mm"]
+_POINT = CYCLE_CURVES["contact_point_x_mm"]
+_PRESSURE = CYCLE_CURVES["peak_pressure_MPa"]
+_PATCH = CYCLE_CURVES["patch_half_width_mm"]
 
 
-def cycles_of(run: Run, what: Quantity) -> Floats:
+def cycles_of(run: ReportRun, what: Quantity) -> Floats:
     """Values of all cycles of a run, in the unit of the axis, shape (cycles, 101)."""
     return np.asarray(what.scaled(run.gathered.curves[what.field], run.weight))
 
@@ -137,13 +159,16 @@ def drawn(into: list[Figure], name: str, title: str, caption: str, height: float
     """Yield a matplotlib figure of a height [in] to draw on, then add it to the other figures as PNG."""
     file = io.BytesIO()
     with picture.png_figure(
-        file, (WIDTH, height), DPI, **picture.CURVES_STYLE | {"figure.dpi": DPI}
+        file,
+        (_WIDTH, height),
+        _DOTS_PER_INCH,
+        **picture.CURVES_STYLE | {"figure.dpi": _DOTS_PER_INCH},
     ) as canvas:
         yield canvas
     into.append(Figure(name, title, caption, file.getvalue()))
 
 
-def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
+def with_comparisons(runs: Sequence[ReportRun]) -> list[list[ReportRun]]:
     """Group runs: each run of its own, followed by its comparisons."""
     bases = [place for place, run in enumerate(runs) if run.beside is None]
     return [[runs[place], *(other for other in runs if other.beside == place)] for place in bases]
@@ -168,7 +193,7 @@ def which_load(parameters: Parameters) -> str:
     return f"medial compartment: {parts[parameters.load.rule]}{lateral}"
 
 
-def pressure_of(run: Run) -> str:
+def pressure_of(run: ReportRun) -> str:
     """Describe how the pressure of a run follows from its contact law, for a caption or a table cell."""
     patch = run.model.patch if run.model else None
     if patch is None:
@@ -178,79 +203,81 @@ def pressure_of(run: Run) -> str:
     return spread if own else f"the law defines none; its force at rest is distributed as {spread}"
 
 
-def moves(cyclic: Sequence[Run]) -> bool:
+def moves(cyclic: Sequence[ReportRun]) -> bool:
     """Whether the contact point moves along the plateau in any of the runs."""
-    return any(float(np.ptp(cycles_of(run, POINT).mean(axis=0))) > LEAST_WAY for run in cyclic)
-
-
-def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
-    """Draw all figures over percent of the gait cycle; `cyclic` are the `runs` with gait cycles."""
-    laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
-    ranges = "; ".join(dict.fromkeys(each.text for each in _ranges_of(cyclic)))
-    captions = {
-        FORCE: f"Grey, published{' of the medial compartment' * (_ranges_of(cyclic) == MEDIAL)}: {ranges}. They are "
-        "peaks, drawn where peaks are expected; the sources give no curve."
-        if ranges
-        else "No published range is drawn: some of the runs are of the whole joint, and some of one compartment.",
-        DEPTHS: f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
-        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here follows from the contact law and the force; it is not a "
-        f"measured deformation.{' Dotted: where bone, the second layer, begins.' * any(r.has_bone for r in cyclic)}",
-        FLEXION: "",
-        PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
-        PATCH: "Of a round patch, from the depth and the radii of the law.",
-        POINT: "Position along the tibial plateau, from the tibia frame's origin, anterior positive.",
-    }
-    several = any(len(run.gathered.spans) > 1 for run in cyclic)
-    lines = (
-        "Thick: mean over the cycles, with one standard deviation; thin: single ones. " * several
+    return any(
+        float(np.ptp(cycles_of(run, _POINT).mean(axis=0))) > _LEAST_MOTION for run in cyclic
     )
-    figures = list[Figure]()
-    for what, caption in captions.items():
-        known = [
-            run for run in cyclic if what is not FLEXION or run.beside is None
-        ]  # comparisons: the same inputs
-        known = [
-            run for run in known if np.isfinite(cycles_of(run, what)).any()
-        ]  # earlier recordings lack some fields
-        if known and (what is not POINT or moves(known)):
-            with drawn(
-                figures, what.figure, f"{what.title} over the gait cycle", lines + caption, CYCLE
-            ) as canvas:
-                _panel(canvas, runs, known, what)
+
+
+def over_cycle(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> list[Figure]:
+    """Draw all figures over percent of the gait cycle; `cyclic` are the `runs` with gait cycles."""
+    several = any(len(run.gathered.spans) > 1 for run in cyclic)
+    lines = ""
+    if several:
+        lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. "
+    figures: list[Figure] = []
+    for what, caption in _captions(cyclic).items():
+        # A comparison has the same flexion.
+        known = [run for run in cyclic if what is not _FLEXION or run.beside is None]
+        # Earlier recordings lack some fields.
+        known = [run for run in known if np.isfinite(cycles_of(run, what)).any()]
+        if known and (what is not _POINT or moves(known)):
+            title = f"{what.title} over the gait cycle"
+            with drawn(figures, what.figure, title, lines + caption, _CYCLE_HEIGHT) as canvas:
+                _draw_cycles(canvas, runs, known, what)
     return figures
 
 
-def over_time(runs: Sequence[Run]) -> list[Figure]:
+def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
+    """Return the captions of figures over the gait cycle, in the order of the figures."""
+    ranges = _ranges_of(cyclic)
+    if ranges:
+        whose = " of the medial compartment" if ranges == OF_MEDIAL else ""
+        texts = "; ".join(dict.fromkeys(each.text for each in ranges))
+        of_force = (
+            f"Grey, published{whose}: {texts}. They are peaks, drawn where peaks are expected; the sources give no "
+            "curve."
+        )
+    else:
+        of_force = "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
+    of_depth = (
+        f"Grey: peak deformations in vivo, {_OF_DEPTH.lowest:.2f} to {_OF_DEPTH.highest:.2f} mm if the cartilage is "
+        f"{_CARTILAGE_THICKNESS:g} mm thick. A depth here follows from the contact law and the force; it is not a "
+        "measured deformation."
+    )
+    if any(run.has_bone for run in cyclic):
+        of_depth += " Dotted: where bone, the second layer, begins."
+    laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
+    return {
+        _FORCE: of_force,
+        _DEPTH: of_depth,
+        _FLEXION: "",
+        _PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
+        _PATCH: "Of a round patch, from the depth and the radii of the law.",
+        _POINT: "Position along the tibial plateau, from the tibia frame's origin, anterior positive.",
+    }
+
+
+def over_time(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw flexion, contact force and depth over time, in a figure for every run and its comparisons."""
-    figures = list[Figure]()
+    figures: list[Figure] = []
     for number, group in enumerate(with_comparisons(runs), start=1):
         events = group[0].gathered.events
-        marks = events[events["event"].isin(list(MARKS))]
-        marks = marks if len(marks) <= FEW_EVENTS else marks[:0]
-        caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." * bool(
-            len(marks)
-        )
-        with drawn(
-            figures, f"over_time_{number}", f"{group[0].name} over time", caption, TIME
-        ) as canvas:
+        marks = events[events["event"].isin(list(_EVENT_LINES))]
+        caption = ""
+        if 0 < len(marks) <= _MOST_EVENTS:
+            caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found."
+        title = f"{group[0].name} over time"
+        with drawn(figures, f"over_time_{number}", title, caption, _TIME_HEIGHT) as canvas:
             axes = canvas.subplots(3, 1, sharex=True)
-            for axis, what in zip(axes, (FLEXION, FORCE, DEPTHS), strict=True):
-                for run in group[:1] if what is FLEXION else group:  # flexion: the same inputs
-                    time, look = run.gathered.elapsed / NANOSECONDS, _look(runs, run)
-                    look |= {
-                        "linewidth": 0.7 * look["linewidth"],
-                        "marker": "." if len(time) < FEW_POINTS else None,
-                    }
-                    axis.plot(
-                        time,
-                        what.scaled(run.gathered.columns[what.field], run.weight),
-                        **look,
-                        label=_plain(run.label),
-                    )
-                    if what is DEPTHS and run.has_bone:
-                        axis.axhline(MM * run.parameters.contact.layer_depth, **BONE)
-                for begin, kind in zip(marks["time_s"], marks["event"], strict=True):
-                    axis.axvline(begin, linewidth=0.9, zorder=1.5, **MARKS[kind])
+            for axis, what in zip(axes, (_FLEXION, _FORCE, _DEPTH), strict=True):
+                # A comparison has the same flexion.
+                for run in group[:1] if what is _FLEXION else group:
+                    _draw_course(axis, runs, run, what)
+                if caption:
+                    for begin, kind in zip(marks["time_s"], marks["event"], strict=True):
+                        axis.axvline(begin, linewidth=0.9, zorder=1.5, **_EVENT_LINES[kind])
                 axis.set_ylabel(f"{what.title.lower()} [{what.unit}]".removeprefix("penetration "))
             axes[-1].set_xlabel("time since the first tick [s]")
             if len(group) > 1:
@@ -258,133 +285,141 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
     return figures
 
 
-def knees(runs: Sequence[Run]) -> list[Figure]:
+def _draw_course(axis: Any, runs: Sequence[ReportRun], run: ReportRun, what: Quantity) -> None:
+    """Draw a quantity of a run over time; `runs` are all runs, which set the colours."""
+    time = run.gathered.elapsed / NANOSECONDS
+    values = what.scaled(run.gathered.columns[what.field], run.weight)
+    look = _look(runs, run)
+    look["linewidth"] *= 0.7
+    look["marker"] = "." if len(time) < _FEW_POINTS else None
+    axis.plot(time, values, **look, label=_plain(run.label))
+    if what is _DEPTH and run.has_bone:
+        axis.axhline(MM * run.parameters.contact.layer_depth, **_BONE_LINE)
+
+
+def knees(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw the knee at its peaks, for every run and comparison with known surfaces."""
-    figures = list[Figure]()
+    figures: list[Figure] = []
     caption = (
         "Side view; the arrow is the contact force on the femur. Dark is where the surfaces would overlap if "
         f"neither gave way, its depth drawn × {picture.MAGNIFICATION:g}. The surfaces that touch are the model's; "
         "the shafts are drawn around them, and so is cartilage whose thickness the contact law does not know."
     )
     for number, group in enumerate(with_comparisons(runs), start=1):
-        if not all(run.model for run in group):
+        models = [run.model for run in group if run.model]
+        if len(models) < len(group):
             continue
         titles = [title for title, _ in _drawn_peaks(group[0])]
-        name, height = f"The knee at the peaks: {group[0].name}", KNEE * len(group)
+        name = f"The knee at the peaks: {group[0].name}"
+        height = _KNEE_HEIGHT * len(group)
         with drawn(figures, f"knee_{number}", name, caption, height) as canvas:
-            for row, run in zip(
-                canvas.subplots(len(group), len(titles), squeeze=False), group, strict=True
-            ):
+            rows = canvas.subplots(len(group), len(titles), squeeze=False)
+            for row, run, model in zip(rows, group, models, strict=True):
+                label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
                 for axis, title, (_, tick) in zip(row, titles, _drawn_peaks(run), strict=True):
-                    fields = ("flexion_angle", "femoral_height", "contact_force")
                     angle, place, force = (
-                        float(run.gathered.columns[name][tick]) for name in fields
+                        float(run.gathered.columns[name][tick])
+                        for name in ("flexion_angle", "femoral_height", "contact_force")
                     )
-                    if run.model:  # as all have
-                        picture.draw_knee(axis, run.model, angle, place, force, run.weight)
-                    label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
-                    axis.set_title(
-                        f"{label}{title}\n{math.degrees(angle):.0f}° of flexion", fontsize=9.5
-                    )
+                    picture.draw_knee(axis, model, angle, place, force, run.weight)
+                    text = f"{label}{title}\n{math.degrees(angle):.0f}° of flexion"
+                    axis.set_title(text, fontsize=9.5)
     return figures
 
 
-def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
+def _drawn_peaks(run: ReportRun) -> list[tuple[str, int]]:
     """Titles and ticks of the largest first and second peak of stance; without peaks, of the largest load or force."""
-    peaks, of = [], run.gathered
-    for which in (FIRST, SECOND):
-        same = of.peaks[of.peaks["peak"] == which]
+    gathered = run.gathered
+    peaks = []
+    for which in (FIRST_PEAK, SECOND_PEAK):
+        same = gathered.peaks[gathered.peaks["peak"] == which]
         if len(same):
             largest = same.loc[same["load_N"].idxmax()]
-            peaks.append(
-                (
-                    f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle",
-                    int(largest["tick"]),
-                )
-            )
-    what, time = of.driving.replace("_", " "), of.elapsed[of.largest] / NANOSECONDS
-    return peaks or [(f"largest {what}, {time:.2f} s", of.largest)]
+            title = f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle"
+            peaks.append((title, int(largest["tick"])))
+    time = gathered.elapsed[gathered.largest] / NANOSECONDS
+    what = gathered.driving.replace("_", " ")
+    return peaks or [(f"largest {what}, {time:.2f} s", gathered.largest)]
 
 
-def uncertainty(runs: Sequence[Run]) -> list[Figure]:
+def uncertainty(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw depth, force and the effects of uncertain inputs around the largest load or force, for every run."""
-    figures = list[Figure]()
+    figures: list[Figure] = []
     caption = (
         f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
         "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
     )
-    for number, (run, of) in enumerate(
-        ((run, run.uncertain) for run in runs if run.uncertain), start=1
-    ):
-        since = (of.rows["stamp"] - of.rows["stamp"][0]) / NANOSECONDS
-        shown = np.abs(since - since[int(of.rows[run.gathered.driving].argmax())]) <= AROUND
+    known = [(run, run.uncertain) for run in runs if run.uncertain]
+    for number, (run, of) in enumerate(known, start=1):
         name = f"uncertainty_{number}"
-        with drawn(figures, name, f"Uncertainty: {run.label}", caption, UNCERTAIN) as canvas:
-            time, (above, middle, below) = since[shown], canvas.subplots(3, 1, sharex=True)
-            bands = (
-                (above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
-                (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"),
-            )
-            for axis, edges, values, unit, text in bands:
-                low, high = (unit * edge[shown] for edge in edges)
-                axis.fill_between(time, low, high, color=HUES[0], alpha=0.25, linewidth=0)
-                axis.plot(time, unit * values[shown], color=HUES[0], linewidth=1.8)
-                axis.set(ylabel=text, ylim=(min(0.0, float(low.min())), None))
-            effects: list[tuple[Any, str, Any]] = [
-                (
-                    part,
-                    f"{each.name}, {each.text}",
-                    {"color": HUES[place % len(HUES)], "linewidth": 1.4},
-                )
-                for place, (each, (part, _)) in enumerate(of.parts.items())
-                if MICRO * np.abs(part[shown]).max() > LEAST
-            ]
-            effects += [  # all of them under the others
-                (of.depth, ALL_OF_THEM, {"color": "black", "linewidth": 3.0, "zorder": 1.5}),
-                (
-                    of.rows["error_estimate"],
-                    NUMERICAL,
-                    {"color": "0.35", "linewidth": 1.6, "linestyle": ":"},
-                ),
-            ]
-            for effect, label, look in effects:
-                below.plot(
-                    time, np.maximum(MICRO * np.abs(effect[shown]), LEAST), label=label, **look
-                )
-            below.set(
-                yscale="log",
-                ylabel="effect on the depth [µm]",
-                xlabel="time since the first tick [s]",
-            )
-            _legend(canvas, below)
+        title = f"Uncertainty: {run.label}"
+        with drawn(figures, name, title, caption, _UNCERTAINTY_HEIGHT) as canvas:
+            _draw_uncertainty(canvas, run, of)
     return figures
 
 
-def _ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
+def _draw_uncertainty(canvas: Any, run: ReportRun, of: Propagated) -> None:
+    """Draw depth and force with their intervals, and below them the effects of the inputs on the depth."""
+    since = (of.rows["stamp"] - of.rows["stamp"][0]) / NANOSECONDS
+    largest = since[int(of.rows[run.gathered.driving].argmax())]
+    shown = np.abs(since - largest) <= _SHOWN_TIME
+    time = since[shown]
+    above, middle, below = canvas.subplots(3, 1, sharex=True)
+    for axis, edges, values, unit, text in (
+        (above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
+        (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"),
+    ):
+        low, high = (unit * edge[shown] for edge in edges)
+        axis.fill_between(time, low, high, color=_HUES[0], alpha=0.25, linewidth=0)
+        axis.plot(time, unit * values[shown], color=_HUES[0], linewidth=1.8)
+        axis.set(ylabel=text, ylim=(min(0.0, float(low.min())), None))
+
+    def draw_effect(effect: Floats, label: str, **look: Any) -> None:
+        values = np.maximum(MICRO * np.abs(effect[shown]), _LEAST_EFFECT)
+        below.plot(time, values, label=label, **look)
+
+    for place, (each, (effect, _)) in enumerate(of.parts.items()):
+        if MICRO * np.abs(effect[shown]).max() > _LEAST_EFFECT:
+            colour = _HUES[place % len(_HUES)]
+            draw_effect(effect, f"{each.name}, {each.text}", color=colour, linewidth=1.4)
+    draw_effect(of.depth, ALL_INPUTS, color="black", linewidth=3.0, zorder=1.5)
+    error = of.rows["error_estimate"]
+    draw_effect(error, NUMERICAL_ERROR, color="0.35", linewidth=1.6, linestyle=":")
+    below.set(
+        yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]"
+    )
+    _legend(canvas, below)
+
+
+def _ranges_of(cyclic: Sequence[ReportRun]) -> tuple[PublishedRange, ...]:
     """Published ranges to show behind contact forces; none if whole joints and single compartments are mixed."""
     kinds = {is_total(run.parameters) for run in cyclic if not is_lateral(run.topic)}
-    return () if len(kinds) != 1 else TOTAL if kinds.pop() else MEDIAL
+    if len(kinds) != 1:
+        return ()
+    return TOTAL if kinds.pop() else OF_MEDIAL
 
 
-def _look(runs: Sequence[Run], run: Run) -> dict[str, Any]:
+def _look(runs: Sequence[ReportRun], run: ReportRun) -> dict[str, Any]:
     """Colour, style and width of a run's line; later lines are thinner, so that earlier ones stay visible."""
     place = runs.index(run)
-    style = ("-", max(3.4 - 0.6 * place, 1.2)) if run.beside is None else ("--", 1.4)
-    return {"color": HUES[place % len(HUES)], "linestyle": style[0], "linewidth": style[1]}
+    look = {"color": _HUES[place % len(_HUES)], "linestyle": "-"}
+    if run.beside is not None:
+        return look | {"linestyle": "--", "linewidth": 1.4}
+    return look | {"linewidth": max(3.4 - 0.6 * place, 1.2)}
 
 
 def _legend(canvas: Any, axis: Any) -> None:
     """Add a legend below the axes, each text once, and make the figure taller by the legend's height."""
     handles, labels = axis.get_legend_handles_labels()
     once = {
-        textwrap.fill(label, LETTERS): handle
+        textwrap.fill(label, _LEGEND_LETTERS): handle
         for label, handle in zip(labels, handles, strict=True)
     }
-    columns = 2 if len(once) > 3 and max(map(len, once)) <= LETTERS // 2 else 1
+    columns = 2 if len(once) > 3 and max(map(len, once)) <= _LEGEND_LETTERS // 2 else 1
     canvas.legend(once.values(), once.keys(), loc="outside lower center", ncols=columns)
     width, height = canvas.get_size_inches()
     lines = -(-sum(1 + label.count("\n") for label in once) // columns)
-    canvas.set_size_inches(width, height + LINE * lines)
+    canvas.set_size_inches(width, height + _LEGEND_LINE * lines)
 
 
 def _plain(label: str) -> str:
@@ -393,60 +428,54 @@ def _plain(label: str) -> str:
     return f" {escaped}" if escaped.startswith("_") else escaped
 
 
-def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantity) -> None:
+def _draw_cycles(
+    canvas: Any, runs: Sequence[ReportRun], cyclic: Sequence[ReportRun], what: Quantity
+) -> None:
     """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all runs, which set the colours."""
     axis = canvas.subplots()
-    for each in _ranges_of(cyclic) if what is FORCE else (DEPTH,) if what is DEPTHS else ():
-        edge: Any = (
-            {"edgecolor": "0.5", "linewidth": 3.0}
-            if each.lowest == each.highest
-            else {"edgecolor": "none"}
-        )
-        shade: Any = {"facecolor": "0.85", "zorder": 0, "alpha": 0.6} | edge
-        axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
-    for layer in sorted(
-        {run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and run.has_bone}
-    ):
-        axis.axhline(MM * layer, **BONE)
-        axis.annotate(
-            f"bone from {MM * layer:g} mm",
-            (99.0, MM * layer),
-            ha="right",
-            va="bottom",
-            fontsize=8.5,
-        )
+    _draw_published(axis, cyclic, what)
     for run in cyclic:
-        values, look = cycles_of(run, what), _look(runs, run)
+        values = cycles_of(run, what)
+        look = _look(runs, run)
         mean = values.mean(axis=0)
         if len(values) > 1:
             spread = values.std(axis=0, ddof=1)
-            axis.fill_between(
-                PERCENT, mean - spread, mean + spread, color=look["color"], alpha=0.15, linewidth=0
-            )
-            axis.plot(PERCENT, values[:FEW].T, **look | {"linewidth": 0.5, "alpha": 0.5})
-        axis.plot(PERCENT, mean, **look, label=_plain(run.label))
-    stances = list(
-        {run.gathered.strides["stance_percent"].mean() for run in cyclic}
-    )  # a comparison's is the same
+            shade: Any = {"color": look["color"], "alpha": 0.15, "linewidth": 0}
+            axis.fill_between(CYCLE_PERCENT, mean - spread, mean + spread, **shade)
+            thin = look | {"linewidth": 0.5, "alpha": 0.5}
+            axis.plot(CYCLE_PERCENT, values[:_MOST_CYCLES].T, **thin)
+        axis.plot(CYCLE_PERCENT, mean, **look, label=_plain(run.label))
+    # A comparison has the same stance.
+    stances = list({run.gathered.strides["stance_percent"].mean() for run in cyclic})
     for stance in stances:
         axis.axvline(stance, color="0.45", linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
-    axis.annotate(
-        "toe-off",
-        (float(np.mean(stances)), 1.0),
-        (0, 2),
-        ha="center",
-        va="bottom",
-        fontsize=8,
-        color="0.35",
-        xycoords=("data", "axes fraction"),
-        textcoords="offset points",
-    )
-    axis.set(
-        xlabel="gait cycle [%]", ylabel=f"{what.title.lower()} [{what.unit}]", xlim=(0.0, 100.0)
-    )
-    if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
-        pulls = (
-            min(float(cycles_of(run, what).min()) for run in cyclic) < 0.0
-        )  # as a contact law with tension does
+    place = (float(np.mean(stances)), 1.0)
+    above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    centred: Any = {"ha": "center", "va": "bottom", "fontsize": 8, "color": "0.35"}
+    axis.annotate("toe-off", place, (0, 2), **above, **centred)
+    label = f"{what.title.lower()} [{what.unit}]"
+    axis.set(xlabel="gait cycle [%]", ylabel=label, xlim=(0.0, 100.0))
+    if what in {_FORCE, _DEPTH, _PRESSURE, _PATCH}:
+        # A contact law with tension has forces below 0.
+        pulls = min(float(cycles_of(run, what).min()) for run in cyclic) < 0.0
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if pulls else 0.0)
     _legend(canvas, axis)
+
+
+def _draw_published(axis: Any, cyclic: Sequence[ReportRun], what: Quantity) -> None:
+    """Draw the published ranges of a force or depth, and the depths where bone begins."""
+    ranges = _ranges_of(cyclic) if what is _FORCE else ()
+    depths = set()
+    if what is _DEPTH:
+        ranges = (_OF_DEPTH,)
+        depths = {run.parameters.contact.layer_depth for run in cyclic if run.has_bone}
+    for each in ranges:
+        shade: Any = {"facecolor": "0.85", "zorder": 0, "alpha": 0.6, "edgecolor": "none"}
+        if each.lowest == each.highest:
+            shade |= {"edgecolor": "0.5", "linewidth": 3.0}
+        axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
+    for depth in sorted(depths):
+        axis.axhline(MM * depth, **_BONE_LINE)
+        place = (99.0, MM * depth)
+        text = f"bone from {MM * depth:g} mm"
+        axis.annotate(text, place, ha="right", va="bottom", fontsize=8.5)

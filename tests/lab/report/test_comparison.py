@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.report.runs import between
+from knee_contact_ros.lab.report.runs import differences
 from knee_contact_ros.parameters.files import load_parameters
 from tests.lab.report.pages import numbers, runs_of, text_of
 
@@ -85,7 +85,7 @@ def test_a_heavy_subject_stays_itself(
 def test_what_differs_is_told_as_far_as_it_is_used(
     values: dict[str, object], lines: list[str]
 ) -> None:
-    assert between([load_parameters({}), load_parameters(values)], " → ") == lines
+    assert differences([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
 def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.lab.report import summary
-from knee_contact_ros.lab.report.runs import FIELDS, PERCENT, Gathered, Run
+from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, CYCLE_PERCENT, Gathered
+from knee_contact_ros.lab.report.runs import ReportRun
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.watch import Doubts
 from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, Samples, walking
@@ -30,11 +31,13 @@ def gathered(samples: Samples, **columns: np.ndarray) -> Gathered:
         **columns,
     }
     zero = np.zeros(len(stamps))
-    return Gathered({name: known.get(name, zero) for name in FIELDS}, BODY_WEIGHT, Doubts())
+    return Gathered({name: known.get(name, zero) for name in ANSWER_FIELDS}, BODY_WEIGHT, Doubts())
 
 
 def told(of: Gathered) -> dict[str, str]:
-    return summary(Run("a", "a", Path("a"), "/knee_contact", Parameters(), "", Counter(), (), of))
+    return summary(
+        ReportRun("a", "a", Path("a"), "/knee_contact", Parameters(), "", Counter(), (), of)
+    )
 
 
 def test_walking_has_its_cycles() -> None:
@@ -61,7 +64,7 @@ def test_walking_has_its_cycles() -> None:
         begin, toe_off, end = (
             (stamp - int(stamps[0])) / SECOND for stamp in (span.start, span.toe_off, span.end)
         )
-        at = begin + (end - begin) * PERCENT / 100.0
+        at = begin + (end - begin) * CYCLE_PERCENT / 100.0
         # Stamps are rounded to 1 ns, of a load that changes by some 100 kN/s at most
         assert curves == pytest.approx(np.interp(at, time, load), abs=1e-3)
         for name, until in (("impulse_N_s", end), ("stance_impulse_N_s", toe_off)):

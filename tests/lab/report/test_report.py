@@ -15,8 +15,14 @@ from knee_contact_ros import load_model
 from knee_contact_ros.bags.reader import BagReader, read_answers
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.report.figures import MEDIAL, TOTAL
-from knee_contact_ros.lab.report.runs import CURVES, EVENT_COLUMNS, NUMBERS, PEAK_COLUMNS, PERCENT
+from knee_contact_ros.lab.report.figures import OF_MEDIAL, TOTAL
+from knee_contact_ros.lab.report.gathered import (
+    CYCLE_CURVES,
+    CYCLE_PERCENT,
+    EVENT_COLUMNS,
+    PEAK_COLUMNS,
+    STRIDE_COLUMNS,
+)
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
@@ -118,13 +124,13 @@ def test_curves_are_those_of_the_answers_and_strides_are_written(
     both: Path, recording: Path
 ) -> None:
     rows = runs_of(both / "cycles.csv")[RUNS[1]]
-    assert numbers(rows, "gait_cycle_percent") == pytest.approx(PERCENT)
+    assert numbers(rows, "gait_cycle_percent") == pytest.approx(CYCLE_PERCENT)
     assert {row["cycles"] for row in rows} == {"1"}
     events = runs_of(both / "events.csv")[RUNS[1]]
     strikes = [float(row["stamp_s"]) for row in events if row["event"] == "heel strike"]
     answers = read_answers(recording)
     read_off = load_model("osteoarthritis").readouts(answers)
-    at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
+    at = strikes[0] + (strikes[1] - strikes[0]) * CYCLE_PERCENT / 100.0
     units = {
         "deg": np.degrees(1.0),
         "mm": 1e3,
@@ -134,7 +140,7 @@ def test_curves_are_those_of_the_answers_and_strides_are_written(
         "percent": 100.0,
         "BW": 1.0 / BODY_WEIGHT,
     }
-    for name, (field, *_) in CURVES.items():
+    for name, (field, *_) in CYCLE_CURVES.items():
         values = read_off[field] if field in SPREAD else answers.view(FLAT)[field]
         expected = np.interp(at, answers["stamp"] / 1e9, values) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
@@ -144,12 +150,12 @@ def test_curves_are_those_of_the_answers_and_strides_are_written(
         "run",
         "gait_cycle_percent",
         "cycles",
-        *(f"{name}_{kind}" for name in CURVES for kind in ("mean", "sd")),
+        *(f"{name}_{kind}" for name in CYCLE_CURVES for kind in ("mean", "sd")),
     ]
     strides = runs_of(both / "strides.csv")
     assert list(strides) == RUNS
     (row,) = strides[RUNS[1]]
-    assert tuple(row) == ("run", "cycle", *NUMBERS)
+    assert tuple(row) == ("run", "cycle", *STRIDE_COLUMNS)
     assert f"sliding distance [mm] {float(row['sliding_distance_mm']):.1f}" in text_of(both)
 
 
@@ -272,7 +278,7 @@ def test_the_page_says_what_it_should(both: Path, moving: Path) -> None:
     text = text_of(moving)
     assert "total: the whole axial joint reaction" in text
     assert TOTAL[0].text in text
-    assert MEDIAL[0].text not in text
+    assert OF_MEDIAL[0].text not in text
     assert "<b onload" not in page_of(moving)
     assert "&lt;b onload=" in page_of(moving)
     assert {path.name for path in moving.iterdir()} >= {*MOVING_FIGURES}
@@ -318,7 +324,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     ]
     depths = [numbers(rows, "penetration_depth_mm").max() for rows in runs.values()]
     assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
-    assert "contact.law: not told → kelvin_voigt" in text_of(out)
+    assert "contact.law: not known → kelvin_voigt" in text_of(out)
     assert not list(out.glob("knee_*.png"))  # of surfaces that nobody knows
     assert (
         "Recorded without its parameters; healthy.yaml is taken for body weight and law."

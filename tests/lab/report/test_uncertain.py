@@ -9,7 +9,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report import UNCERTAINTY_COLUMNS
-from knee_contact_ros.lab.report.figures import ALL_OF_THEM, NUMERICAL
+from knee_contact_ros.lab.report.figures import ALL_INPUTS, NUMERICAL_ERROR
 from tests.lab.report.pages import check_html, page_of, rows_of, text_of
 
 GIVEN = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
@@ -34,8 +34,8 @@ def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_p
         "medial_share",
         "contact.stiffness",
         "femur.radius",
-        ALL_OF_THEM,
-        NUMERICAL,
+        ALL_INPUTS,
+        NUMERICAL_ERROR,
     ]
     assert [row["standard_deviation"] for row in rows] == [
         "5 %",
