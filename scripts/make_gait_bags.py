@@ -101,8 +101,10 @@ def make_bag(
             angle = JointState(
                 stamp, "", ("knee",), (float(row["knee_angle"]),), (float(row["knee_vel"]),), ()
             )
-            bag.write(f"/{topics[0]}", stamp, encode_joint_state(angle))
-            bag.write(f"/{topics[1]}", stamp, encode_wrench_stamped(wrench_at(row, stamp, side)))
+            bag.write_message(f"/{topics[0]}", stamp, encode_joint_state(angle))
+            bag.write_message(
+                f"/{topics[1]}", stamp, encode_wrench_stamped(wrench_at(row, stamp, side))
+            )
     print(f"{folder} from {table}")
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.streams.messages import (
     JointState,
     WrenchStamped,

@@ -26,8 +26,8 @@ from std_srvs.srv import Trigger
 
 from benchmarks.latency.driver import PARAMETERS, QOS, Driver, joined, rests, samples
 from benchmarks.report import Section, machine, save
+from knee_contact_ros.bags.bag import Bag, RawMessage
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.commands.demo import RECORDING, node_process
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
@@ -221,8 +221,9 @@ def again(recording: Path, firsts: Sequence[int]) -> Again:
     answers = computed = compared = different = stretch = 0
     flags: list[Counter[str]] = [Counter() for _ in firsts]
     held = False
-    with BagReader(recording, types) as one, BagReader(offline, types) as other:
-        for mine, theirs in zip_longest(one.raw_messages(), other.raw_messages()):
+    with Bag(recording) as one, Bag(offline) as other:
+        each = (bag.select(types).raw_messages() for bag in (one, other))
+        for mine, theirs in zip_longest(*each):
             answers += mine is not None
             computed += theirs is not None
             if mine is None or theirs is None:

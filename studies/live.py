@@ -23,13 +23,13 @@ import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     change_record,
     provenance_record,
     read_provenance,
 )
-from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import GROUPS
 from knee_contact_ros.commands.options import FILE
@@ -90,7 +90,7 @@ def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
                 changed = load_parameters(all_values(pipeline.parameters) | {name: value})
                 pipeline.check(changed)
                 pipeline.retune(changed)
-                writer.note(PARAMETERS_CHANGED, change_record(pipeline.ticks, {name: value}))
+                writer.write_note(PARAMETERS_CHANGED, change_record(pipeline.ticks, {name: value}))
                 continue
             stamp, angle = 5 * i * MS, 0.5 + 0.3 * (i % 40) / 40.0
             if kind == "angle":
@@ -103,10 +103,10 @@ def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
                     encode_wrench_stamped(WrenchStamped(stamp, "", force, torque))
                 )
             for answer in answers:
-                writer.write(answer.records)
+                writer.write_answer(answer.records)
         for answer in pipeline.finish():
-            writer.write(answer.records)
-        writer.finish(pipeline.ending())
+            writer.write_answer(answer.records)
+        writer.write_ending(pipeline.ending())
 
 
 def different_fields(folder: Path) -> list[str]:

@@ -24,8 +24,9 @@ from mcap.writer import Writer as McapWriter
 
 from benchmarks.latency.driver import samples
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.bags.reader import INPUT_TYPES
-from knee_contact_ros.bags.recorder import CHUNK_SIZE, BagWriter
+from knee_contact_ros.bags.bag import INPUT_TYPES
+from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import blank_answers
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -58,8 +59,8 @@ def make_bag(path: Path, ticks: int) -> None:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
         for sample in islice(samples(RATE, NANOSECONDS), ticks):
-            bag.write(f"/{JOINT_STATES}", sample.stamp, sample.angle)
-            bag.write(FORCES, sample.stamp, sample.force)
+            bag.write_message(f"/{JOINT_STATES}", sample.stamp, sample.angle)
+            bag.write_message(FORCES, sample.stamp, sample.force)
 
 
 def solve_blocks(bag: Path, output: Path) -> int:

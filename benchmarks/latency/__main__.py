@@ -37,7 +37,7 @@ from benchmarks.latency.driver import (
     usage,
 )
 from benchmarks.report import Section, machine, save, table
-from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.commands.demo import RECORDING, node_process
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -460,8 +460,9 @@ def same_answers(recording: Path, offline: Path) -> tuple[int, int, int]:
     """
     types = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
     recorded = computed = different = 0
-    with BagReader(recording, types) as one, BagReader(offline, types) as other:
-        for mine, theirs in zip_longest(one.raw_messages(), other.raw_messages()):
+    with Bag(recording) as one, Bag(offline) as other:
+        each = (bag.select(types).raw_messages() for bag in (one, other))
+        for mine, theirs in zip_longest(*each):
             recorded += mine is not None
             computed += theirs is not None
             different += mine != theirs

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.records import Metadata
-
 import knee_contact_ros.model
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.mcap_file import Records
-from knee_contact_ros.bags.reader import files_of
+from knee_contact_ros.bags.bag import Bag, opened_bag
+from knee_contact_ros.bags.folder import files_digest
 from knee_contact_ros.bags.recorder import CONTINUED
 from knee_contact_ros.parameters.files import (
     curve_files,
@@ -26,14 +22,13 @@ from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import is_file, open_regular, sha256_of
 
-ORIGIN = "origin"
-"""Name of the metadata record of an imported bag, which describes its origin"""
-PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
-"""Names of the metadata records of changed parameters and of a reset in a running node"""
+PARAMETERS_CHANGED = "parameters_changed"
+"""Name of the metadata record of changed parameters in a running node"""
+RESET = "reset"
+"""Name of the metadata record of a reset of a running node"""
 TICK = "tick"
-"""Key in those records for the number of ticks before"""
+"""Key in these two records for the number of ticks before"""
 TICKS_BEFORE = "ticks_before"
 """Key for the number of ticks that the node had computed before the recording began"""
 CURVE = "file of "
@@ -73,7 +68,7 @@ class Provenance(NamedTuple):
     damage: tuple[str, ...]
     """Unreadable parts of the provenance, as sentences"""
 
-    def texts(self) -> dict[str, str]:
+    def file_contents(self) -> dict[str, str]:
         """Contents of the files that the model needs, by the names of the parameters. No file is opened.
 
         Raises:
@@ -92,7 +87,7 @@ class Provenance(NamedTuple):
 def provenance_record(
     parameters: Parameters | LoadParameters,
     curves: Mapping[str, str] = {},
-    source: Path | None = None,
+    source: Bag | None = None,
     ticks_before: int = 0,
 ) -> dict[str, str]:
     """Content of the metadata record; nothing in it depends on where or when it is written.
@@ -104,17 +99,22 @@ def provenance_record(
         ticks_before: Number of ticks that the node had computed before the recording began.
     """
     values = {
-        k: v for k, v in flat_parameters(parameters).items() if not k.startswith(NOT_OF_THE_RESULT)
+        name: value
+        for name, value in flat_parameters(parameters).items()
+        if not name.startswith(NOT_OF_THE_RESULT)
     }
-    level = parameters.chosen_level if isinstance(parameters, LoadParameters) else ""
-    return {
-        "package": f"knee_contact_ros {__version__}",
-        **({"level": level} if level else {"model_sha256": model_digest()}),
-        "parameters": json.dumps(values, indent=0),
-        TICKS_BEFORE: str(ticks_before),
-        **{CURVE + name: text for name, text in curves.items()},
-        **({"source": source.name, "source_sha256": bag_digest(source)} if source else {}),
-    }
+    record = {"package": f"{OURS}{__version__}"}
+    if isinstance(parameters, LoadParameters):
+        record["level"] = parameters.chosen_level
+    else:
+        record["model_sha256"] = model_digest()
+    record["parameters"] = json.dumps(values, indent=0)
+    record[TICKS_BEFORE] = str(ticks_before)
+    record |= {CURVE + name: text for name, text in curves.items()}
+    if source:
+        record["source"] = source.path.name
+        record["source_sha256"] = source.digest()
+    return record
 
 
 def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
@@ -122,22 +122,25 @@ def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
     return {TICK: str(tick)} | {name: json.dumps(value) for name, value in values.items()}
 
 
-def read_provenance(bag: Path) -> Provenance | None:
+def read_provenance(bag: Path | Bag) -> Provenance | None:
     """Provenance of a bag; None if it contains none.
 
     Raises:
         UsageError: The provenance is damaged, or has parameters that this version does not know; or the bag is a later
-            file of a recording, without its first one.
+            file of a recording, without its first one; or the bag cannot be opened.
     """
-    records = list(metadata_of(bag))
-    first = dict(reversed(records))
-    record = first.get(PROVENANCE)
-    if record is None and CONTINUED in first and LOAD_PROVENANCE not in first:
-        begin = first[CONTINUED].get("first", "another file")
+    with opened_bag(bag) as recording:
+        path = recording.path
+        records = recording.metadata
+        record = recording.first_metadata(PROVENANCE)
+        continued = recording.first_metadata(CONTINUED)
+        is_load = recording.first_metadata(LOAD_PROVENANCE) is not None
+    if record is None and continued is not None and not is_load:
+        begin = continued.get("first", "another file")
         raise UsageError(
-            f"{bag} continues {begin}, which holds the parameters: give the whole folder, or --params"
+            f"{path} continues {begin}, which holds the parameters: give the whole folder, or --params"
         )
-    values = _values_in(bag, PROVENANCE, record)
+    values = _values_in(path, PROVENANCE, record)
     if record is None or values is None:
         return None
     before = int(record[TICKS_BEFORE])
@@ -145,13 +148,18 @@ def read_provenance(bag: Path) -> Provenance | None:
     try:
         parameters = load_parameters(values)
     except UsageError as error:
-        raise UsageError(f"{bag}, in its record {PROVENANCE}: {error}") from None
-    curves = {
-        key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)
-    }
-    package, model = record["package"], record.get("model_sha256", "")
+        raise UsageError(f"{path}, in its record {PROVENANCE}: {error}") from None
     return Provenance(
-        bag, package, model, parameters, curves, before, tuple(changes), tuple(damage)
+        recording=path,
+        package=record["package"],
+        model=record.get("model_sha256", ""),
+        parameters=parameters,
+        curves={
+            key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)
+        },
+        ticks_before=before,
+        changes=tuple(changes),
+        damage=tuple(damage),
     )
 
 
@@ -176,7 +184,7 @@ def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[s
     )
 
 
-def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
+def stored_load(bag: Bag) -> tuple[dict[str, Any], int] | None:
     """Parameters at the beginning of a recording of estimated loads, by name, and how often they changed in it.
 
     None: the bag is not such a recording.
@@ -184,15 +192,15 @@ def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     Raises:
         UsageError: The record that has the parameters is damaged.
     """
-    records = list(metadata_of(bag))
-    record = next((content for name, content in records if name == LOAD_PROVENANCE), None)
-    values = _values_in(bag, LOAD_PROVENANCE, record)
+    values = _values_in(bag.path, LOAD_PROVENANCE, bag.first_metadata(LOAD_PROVENANCE))
     if values is None:
         return None
-    changes = [content.keys() - {TICK} for name, content in records if name == PARAMETERS_CHANGED]
-    return values, sum(
-        any(not name.startswith(NOT_OF_THE_RESULT) for name in names) for names in changes
-    )
+    changes = [content for name, content in bag.metadata if name == PARAMETERS_CHANGED]
+    matter = [
+        any(name != TICK and not name.startswith(NOT_OF_THE_RESULT) for name in content)
+        for content in changes
+    ]
+    return values, sum(matter)
 
 
 def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
@@ -212,24 +220,7 @@ def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance
 
 def model_digest() -> str:
     """SHA-256 of the source of the model."""
-    return _digest(Path(knee_contact_ros.model.__file__).parent.rglob("*.py"))
-
-
-def bag_digest(bag: Path) -> str:
-    """SHA-256 of a bag: of the file, or of the files of the bag in a folder (`files_of`)."""
-    if bag.is_dir():
-        return _digest(path for path in files_of(bag) if is_file(path))
-    with open_regular(bag) as file:
-        return sha256_of(file)
-
-
-def _digest(paths: Iterable[Path]) -> str:
-    """SHA-256 of the names and contents of files, in the order of their paths."""
-    digest = hashlib.sha256()
-    for path in sorted(paths):
-        with open_regular(path) as file:
-            digest.update(f"{path.name} {sha256_of(file)}\n".encode())
-    return digest.hexdigest()
+    return files_digest(Path(knee_contact_ros.model.__file__).parent.rglob("*.py"))
 
 
 def _changes(
@@ -249,26 +240,3 @@ def _changes(
             continue
         changes.append(Change(tick, changed if name == PARAMETERS_CHANGED else None))
     return sorted(changes, key=lambda change: change.tick), damage
-
-
-def is_recording(bag: Path) -> bool:
-    """Whether a bag is a recording of a node of this package, or of `solve` or `estimate-load`."""
-    return any(name in (PROVENANCE, LOAD_PROVENANCE) for name, _ in metadata_of(bag))
-
-
-def weight_of(bag: Path) -> float | None:
-    """Body weight [N] that an importer wrote into a bag; None: the bag names none."""
-    origin = next((content for name, content in metadata_of(bag) if name == ORIGIN), {})
-    try:
-        return float(origin.get("body_weight", "").removesuffix("N")) or None
-    except ValueError:
-        return None
-
-
-def metadata_of(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Names and contents of the metadata records in the readable MCAP files of a bag, in their order."""
-    for path in files_of(bag):
-        with suppress(OSError), open_regular(path) as file:
-            for piece in Records(file, path.stat().st_size).pieces():
-                if isinstance(piece.content, Metadata):
-                    yield piece.content.name, piece.content.metadata

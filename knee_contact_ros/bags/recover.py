@@ -12,9 +12,9 @@ from typing import NamedTuple
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
+from knee_contact_ros.bags.folder import MCAP, kind_of
 from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.reader import MCAP, kind_of
-from knee_contact_ros.bags.recorder import CHUNK_SIZE, LIBRARY, ROSBAG2
+from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, LIBRARY, ROSBAG2
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.output_files import check_not_input, is_being_written, rename_new
 from knee_contact_ros.system.progress import OnProgress, no_progress
@@ -51,7 +51,7 @@ class Recovery(NamedTuple):
     """Smallest and largest log time [ns]"""
     size: int
     """Size [B] of the input"""
-    unread: int
+    unread_bytes: int
     """Number of bytes of the input that could not be used"""
     faults: list[str]
     """Faults of the input, as sentences"""
@@ -78,17 +78,17 @@ def recover(
         UsageError: The output cannot be written, or no message can be read; an existing output is unchanged.
         OSError: Reading or writing has failed; an existing output is unchanged.
     """
+    # Reading is the first half of the work, and writing the second one.
     with closing(
         _opened(source, output, overwrite, lambda done, total: advance(done, 2 * total))
     ) as file:
-        if not file.counts.total():
+        if not file.message_counts.total():
             kind = (
-                "no MCAP file"
-                if not file.streams
-                else "an MCAP file of which no message can be read"
+                "an MCAP file of which no message can be read" if file.declared else "no MCAP file"
             )
             raise UsageError(f"{source} is {kind}: {join_faults(file.faults) or 'it has none'}")
-        topics, spans = _topics(file), [segment.times for segment in file.segments]
+        topics = _topics(file)
+        spans = [chunk.times for chunk in file.chunks]
         times = min(first for first, _ in spans), max(last for _, last in spans)
         partial = output.with_name(f"{output.name}.{os.getpid()}{SUFFIX}")
         try:
@@ -98,14 +98,17 @@ def recover(
             raise UsageError(f"cannot write {output}: {error.strerror}") from None
         try:
             _write(partial, file, lambda done: advance(file.size + done, 2 * file.size))
-            (partial.replace if overwrite else lambda target: rename_new(partial, target))(output)
+            if overwrite:
+                partial.replace(output)
+            else:
+                rename_new(partial, output)
         except FileExistsError:
             raise UsageError(
                 f"{output} appeared in the meantime and was not changed; choose another name"
             ) from None
         finally:
             partial.unlink(missing_ok=True)
-    return Recovery(topics, times, file.size, file.unread, file.faults)
+    return Recovery(topics, times, file.size, file.unread_bytes, file.faults)
 
 
 def _opened(source: Path, output: Path, overwrite: bool, advance: OnProgress) -> McapFile:
@@ -132,17 +135,22 @@ def _opened(source: Path, output: Path, overwrite: bool, advance: OnProgress) ->
 
 def _topics(file: McapFile) -> list[TopicCount]:
     """Numbers of messages by topic, in the order of the channels."""
-    promised, counts, types, own = Counter[str](), Counter[str](), {}, file.counts
-    for number, (channel, schema) in sorted(file.streams.items()):
-        counts[channel.topic] += own[number]
-        promised[channel.topic] += (file.promised or {}).get(number, 0)
-        types[channel.topic] = schema.name
+    expected = Counter[str]()
+    counts = Counter[str]()
+    types = dict[str, str]()
+    own = file.message_counts
+    for channel_id, (channel, schema) in sorted(file.declared.items()):
+        topic = channel.topic
+        types[topic] = schema.name
+        counts[topic] += own[channel_id]
+        if file.statistics:
+            expected[topic] += file.statistics.channel_message_counts.get(channel_id, 0)
     return [
         TopicCount(
             topic,
             name,
             counts[topic],
-            max(promised[topic] - counts[topic], 0) if file.promised else None,
+            max(expected[topic] - counts[topic], 0) if file.statistics else None,
         )
         for topic, name in types.items()
     ]
@@ -150,23 +158,21 @@ def _topics(file: McapFile) -> list[TopicCount]:
 
 def _write(partial: Path, file: McapFile, advance: Callable[[int], object]) -> None:
     """Write the readable content of a file to `partial`."""
-    first = next(
-        (segment.compression for segment in file.segments if segment.compression is not None),
-        "zstd",
-    )
+    named = (chunk.compression for chunk in file.chunks if chunk.compression is not None)
+    compression = COMPRESSIONS.get(next(named, "zstd"), CompressionType.ZSTD)
     with partial.open("wb") as output:
-        compression = COMPRESSIONS.get(first, CompressionType.ZSTD)
         writer = Writer(
             output, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True
         )
         writer.start(profile=file.profile, library=LIBRARY)
-        schemas, channels = {0: 0}, {}
-        for number, (channel, schema) in sorted(file.streams.items()):
+        schemas = {0: 0}
+        channels = {}
+        for channel_id, (channel, schema) in sorted(file.declared.items()):
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(
                     schema.name, schema.encoding, schema.data
                 )
-            channels[number] = writer.register_channel(
+            channels[channel_id] = writer.register_channel(
                 channel.topic,
                 channel.message_encoding,
                 schemas[channel.schema_id],
@@ -178,9 +184,12 @@ def _write(partial: Path, file: McapFile, advance: Callable[[int], object]) -> N
                     entry.create_time, entry.log_time, entry.name, entry.media_type, entry.data
                 )
             elif not isinstance(entry, Metadata):
-                channel_id = channels[entry.channel_id]
                 writer.add_message(
-                    channel_id, entry.log_time, entry.data, entry.publish_time, entry.sequence
+                    channels[entry.channel_id],
+                    entry.log_time,
+                    entry.data,
+                    entry.publish_time,
+                    entry.sequence,
                 )
             elif entry.name != ROSBAG2:  # it has other numbers of messages
                 writer.add_metadata(entry.name, entry.metadata)
@@ -188,8 +197,8 @@ def _write(partial: Path, file: McapFile, advance: Callable[[int], object]) -> N
         origin = {
             "source": file.path.name,
             "source_bytes": str(file.size),
-            "unread_bytes": str(file.unread),
-            "messages": str(file.counts.total()),
+            "unread_bytes": str(file.unread_bytes),
+            "messages": str(file.message_counts.total()),
             "faults": "\n".join(file.faults[:MOST_FAULTS]),
         }
         writer.add_metadata(RECOVERED, origin)

@@ -28,7 +28,9 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
-from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, read_answers, read_bag
+from knee_contact_ros.bags.answers import read_answers, read_bag
+from knee_contact_ros.bags.bag import Bag, RawMessage
+from knee_contact_ros.bags.names import OWN_NAMES
 from knee_contact_ros.commands.player import Command, Player
 from knee_contact_ros.commands.replay import Replayer
 from knee_contact_ros.commands.tables import count_text, show_summary
@@ -196,16 +198,17 @@ def run_demo(
     values = {"body_weight": load.person.constants.weight} if load else {}
     parameters = load_parameters([*files, values])
     stream = ContactPipeline(parameters, compiled=False)
-    with BagInputs(bag, load or parameters, OWN_NAMES) as opened_bag:
-        check_joints(opened_bag, parameters.joints() | (load.joints() if load else {}))
     inputs = LOAD_INPUTS if load else INPUTS
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
+    joints = parameters.joints() | (load.joints() if load else {})
+    with Bag(bag) as opened_bag:
+        check_joints(BagInputs(opened_bag, load or parameters, OWN_NAMES), joints)
+        messages = list(opened_bag.select(types).raw_messages())
     needed = {f"knee_contact: {topic}" for topic in INPUTS} | {
         f"knee_load: {topic}" for topic in inputs if load
     }
     listener = Listener(inputs, load.knee if load and assisted else None)
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
     with (
-        BagReader(bag, types) as reader,
         work_folder(output) as work,
         private_graph() as environment,
     ):
@@ -217,7 +220,7 @@ def run_demo(
             processes.append(node_process(load_files, work, values=assisted, load=True))
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in processes]
-            play([*reader.raw_messages()], rate, listener, needed, companion, children)
+            play(messages, rate, listener, needed, companion, children)
         summary = read_summary(work / RECORDING.parent, parameters.body_weight, stream.doubts)
         if not summary.ticks:
             raise UsageError(

@@ -401,7 +401,8 @@ def trade(
     compared with the tightest tolerance, the cost of a tick and the share of flagged ticks, and recommends a setting.
     If BAG is a recording of this package, its own parameters are used unless you give --params.
     """
-    from knee_contact_ros.bags.reader import files_of, others_beside
+    from knee_contact_ros.bags.bag import Bag
+    from knee_contact_ros.bags.folder import files_of, others_beside
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import answers_of
     from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
@@ -409,13 +410,16 @@ def trade(
     require("trade", "matplotlib")
     check_writable(picture)
     check_not_input(picture, files_of(bag))
-    basis = basis_of(bag, given.parameter_files or None, given.values(), None, in_bag.namespace)
-    results, summary = answers_of(bag, basis, in_bag.names())
-    if summary.ticks < 2:
-        raise UsageError(
-            f"bag {bag}: only one tick could be computed, but errors need at least two"
-        )
-    warn([*others_beside(bag), *weight_doubt(bag, parameters_in(basis)), *summary.warnings])
+    with Bag(bag) as opened:
+        files = given.parameter_files or None
+        basis = basis_of(opened, files, given.values(), None, in_bag.namespace)
+        results, summary = answers_of(opened, basis, in_bag.names())
+        if summary.ticks < 2:
+            raise UsageError(
+                f"bag {bag}: only one tick could be computed, but errors need at least two"
+            )
+        doubts = weight_doubt(opened, parameters_in(basis))
+    warn([*others_beside(bag), *doubts, *summary.warnings])
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
     show(found)
@@ -470,7 +474,7 @@ def report(
     the extra report.
     """
     require("report", "matplotlib", "jinja2", "pandas")
-    from knee_contact_ros.bags.reader import others_beside
+    from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.lab.report import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions
     from knee_contact_ros.parameters.files import values_set_in

@@ -245,7 +245,7 @@ def replay(bag: Path, in_bag: BagNames, sensors: bool, **timing: Any) -> None:
     rate.
     """
     check_ros()
-    from knee_contact_ros.bags.reader import others_beside
+    from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
 

@@ -43,8 +43,8 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     Raises:
         UsageError: a bag is given twice or does not exist, or it is not clear which files belong to it.
     """
-    from knee_contact_ros.bags.reader import files_of
-    from knee_contact_ros.bags.recorder import METADATA
+    from knee_contact_ros.bags.folder import files_of
+    from knee_contact_ros.bags.metadata_file import METADATA
 
     if len(bags) == 1:
         yield bags[0]
@@ -99,8 +99,9 @@ def solve(
     package, its own parameters are used unless you give --params. If a bag is damaged, the command computes what it can
     read, says what is missing, and ends with code 1. Several bags, for example one from each machine, are read as one.
     """
-    from knee_contact_ros.bags.provenance import Provenance, weight_of
-    from knee_contact_ros.bags.reader import others_beside
+    from knee_contact_ros.bags.bag import Bag
+    from knee_contact_ros.bags.folder import others_beside
+    from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
@@ -109,7 +110,7 @@ def solve(
     bags = bags or ((person.bag,) if person and person.bag else ())
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
-    with merged_bags(bags) as bag:
+    with merged_bags(bags) as path, Bag(path) as bag:
         basis = basis_of(
             bag, given.parameter_files or None, given.values(), person, in_bag.namespace
         )
@@ -121,7 +122,7 @@ def solve(
             else given.parameter_files or (DEFAULT_PARAMETERS,)
         )
         sources = (
-            [f"those in {bag.name}, made with {basis.package}"]
+            [f"those in {path.name}, made with {basis.package}"]
             if isinstance(basis, Provenance)
             else files
         )
@@ -129,15 +130,15 @@ def solve(
         parameters = parameters_in(basis)
         if parameters.load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
-        if weight_of(bag) == parameters.body_weight:
+        if bag.body_weight == parameters.body_weight:
             rows["body weight"] = (
-                f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
+                f"{parameters.body_weight:.7g} N, as {path.name} was imported with"
             )
         show_summary(summary, rows, {"Recording": str(output)})
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
         warn(summary.warnings)
-        if missing := summary.missing(bag):
+        if missing := summary.missing(path):
             raise IncompleteError(missing)
 
 
@@ -157,22 +158,26 @@ def estimate_load(
     /joint_reaction_force and /load_estimate, with the same numbers as the node's. Next, run `knee-contact solve
     OUT.mcap`. For research only: muscles are not measured.
     """
-    from knee_contact_ros.bags.reader import others_beside
+    from knee_contact_ros.bags.bag import Bag
+    from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.offline.estimate_load import load_parameters_for
     from knee_contact_ros.offline.solve import weight_doubt
     from knee_contact_ros.streams.topics import LOAD_INPUTS
 
-    parameters, without, doubts = load_parameters_for(
-        bag, given.files(None), given.values(), in_bag.namespace
-    )
-    with progress("Estimating") as advance:
-        summary = estimate(bag, parameters, output, advance, overwrite, in_bag.names(*LOAD_INPUTS))
+    with Bag(bag) as opened:
+        parameters, without, doubts = load_parameters_for(
+            opened, given.files(None), given.values(), in_bag.namespace
+        )
+        names = in_bag.names(*LOAD_INPUTS)
+        with progress("Estimating") as advance:
+            summary = estimate(opened, parameters, output, advance, overwrite, names)
+        doubts += weight_doubt(opened, parameters)
     sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
     rows = {"parameters": sources, "body weight": f"{parameters.person.constants.weight:.7g} N"}
     show_load(summary, parameters, rows, str(output))
-    warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts, *summary.implausible])
+    warn([*others_beside(bag), *doubts, *summary.implausible])
     if summary.damage:
         raise IncompleteError(
             f"bag {bag} is damaged, and read as far as it can be: {join_faults(summary.damage)}"
@@ -253,16 +258,20 @@ def table(bag: Path, output: Path, topic: str) -> None:
     vector has its own column. If there are several topics (knees, compartments), they follow each other and a column
     names them. BAG is a recording, or the output of `solve`.
     """
-    from knee_contact_ros.bags.reader import absolute, answer_topics, files_of, read_answers
+    from knee_contact_ros.bags.answers import answer_topics, read_answers
+    from knee_contact_ros.bags.bag import Bag
+    from knee_contact_ros.bags.folder import files_of
+    from knee_contact_ros.bags.names import absolute
     from knee_contact_ros.results import answer_table
 
     check_not_input(output, files_of(bag))
-    topics = [absolute(topic)] if topic else answer_topics(bag)
-    if not topics:
-        raise UsageError(f"{bag} has no answers: knee-contact solve computes them")
-    if output.suffix == ".parquet":
-        require("tables", "pyarrow")
-    answers = {name: read_answers(bag, name) for name in topics}
+    with Bag(bag) as recording:
+        topics = [absolute(topic)] if topic else answer_topics(recording)
+        if not topics:
+            raise UsageError(f"{bag} has no answers: knee-contact solve computes them")
+        if output.suffix == ".parquet":
+            require("tables", "pyarrow")
+        answers = {name: read_answers(recording, name) for name in topics}
     write_complete({output: answer_table(answers, output.suffix)})
     say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
 

@@ -16,7 +16,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import check_output
 
 if TYPE_CHECKING:
-    from knee_contact_ros.bags.reader import Names
+    from knee_contact_ros.bags.names import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -185,7 +185,7 @@ class BagNames(NamedTuple):
         Raises:
             UsageError: a rule is malformed; see `names_in_bag`.
         """
-        from knee_contact_ros.bags.reader import names_in_bag
+        from knee_contact_ros.bags.names import names_in_bag
 
         return names_in_bag(*self, *([inputs] if inputs else []))
 

@@ -24,7 +24,7 @@ from enum import Enum
 from types import FrameType
 from typing import Any
 
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.terminal import say

@@ -21,7 +21,8 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, Names, RawMessage, absolute
+from knee_contact_ros.bags.bag import Bag, RawMessage, TopicReader
+from knee_contact_ros.bags.names import OWN_NAMES, Names, absolute
 from knee_contact_ros.commands.player import (
     HELP,
     Keyboard,
@@ -133,8 +134,8 @@ class Replayer:
 
 def has_inputs(bag: Path, namespace: str, inputs: Sequence[str]) -> bool:
     """Whether a bag has one of the inputs in a namespace."""
-    with BagReader(bag, {}) as reader:
-        topics = {absolute(connection.topic) for connection in reader.connections}
+    with Bag(bag) as opened:
+        topics = opened.topics
     return bool(namespace) and any(absolute(topic, namespace) in topics for topic in inputs)
 
 
@@ -157,12 +158,11 @@ def run_replay(
         )
     with ExitStack() as opened:
         opened.enter_context(unwinding_on_signals())
-        reader = opened.enter_context(
-            BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names)
-        )
-        if reader.damage:
+        open_bag = opened.enter_context(Bag(bag))
+        reader = open_bag.select({f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names)
+        if open_bag.damage:
             say(
-                f"bag {bag} is damaged; publishing what can be read: {join_faults(reader.damage)}",
+                f"bag {bag} is damaged; publishing what can be read: {join_faults(open_bag.damage)}",
                 err=True,
             )
         span = span_of(reader, timing)
@@ -171,7 +171,7 @@ def run_replay(
             opened.callback(rclpy.shutdown)
             node = Node("knee_contact_replay", namespace=namespace.strip("/"))
             opened.callback(node.destroy_node)
-        transforms = transform_messages(bag)
+        transforms = transform_messages(open_bag)
         replayer = Replayer(
             node, inputs=inputs, clock=timing.clock is not None, transforms=transforms
         )
@@ -184,32 +184,33 @@ def run_replay(
         play(reader, span, replayer, timing)
 
 
-def span_of(reader: BagReader, timing: Timing) -> tuple[int, int]:
+def span_of(reader: TopicReader, timing: Timing) -> tuple[int, int]:
     """Return the part of the bag that is played: log times [ns] of the first message, and after the last one.
 
     Raises:
         UsageError: no message is in this part.
     """
+    bag = reader.bag
     message = next(reader.raw_messages(), None)
     if message is None:
         raise UsageError(
-            f"bag {reader.path} has none of the {reader.count} messages that its metadata.yaml counts"
+            f"bag {bag.path} has none of the {reader.message_count} messages that its metadata.yaml counts"
         )
     first = message.log_time
     start = first + round(timing.start_offset * NANOSECONDS)
-    stop = reader.end if timing.duration is None else start + round(timing.duration * NANOSECONDS)
+    stop = bag.end if timing.duration is None else start + round(timing.duration * NANOSECONDS)
     if next(reader.raw_messages(start=start, stop=stop), None) is None:
-        lasts = (reader.end - 1 - first) / NANOSECONDS
+        lasts = (bag.end - 1 - first) / NANOSECONDS
         raise UsageError(
-            f"--start-offset {timing.start_offset:g}: bag {reader.path} has no message there; it lasts {lasts:.3f} s"
+            f"--start-offset {timing.start_offset:g}: bag {bag.path} has no message there; it lasts {lasts:.3f} s"
         )
-    return start, min(stop, reader.end)
+    return start, min(stop, bag.end)
 
 
-def play(reader: BagReader, span: tuple[int, int], replayer: Replayer, timing: Timing) -> None:
+def play(reader: TopicReader, span: tuple[int, int], replayer: Replayer, timing: Timing) -> None:
     """Play the span once or in a loop; the report on lateness is printed even if a signal ends the replay."""
     name, lateness, (start, stop), patience = (
-        reader.path.name,
+        reader.bag.path.name,
         Lateness(),
         span,
         LAST_ACKNOWLEDGEMENTS,

@@ -203,7 +203,7 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     show_table(("topic, and its type", "messages", "missing"), rows, right=("messages", "missing"))
     first, last = recovery.times
     say(f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
-    say(f"{recovery.unread} of {recovery.size} bytes could not be read")
+    say(f"{recovery.unread_bytes} of {recovery.size} bytes could not be read")
     for fault in recovery.faults[:_MAX_FAULTS]:
         say(f"- {fault}")
     if (others := len(recovery.faults) - _MAX_FAULTS) > 0:

@@ -13,8 +13,9 @@ from urllib.parse import quote
 
 import click
 
+from knee_contact_ros.bags.answers import answer_blocks, answer_topics
+from knee_contact_ros.bags.folder import files_of, others_beside
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics, files_of, others_beside
 from knee_contact_ros.commands.options import ParameterOptions
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
@@ -193,7 +194,7 @@ def _knees(
     if provenance is None:
         say(f"{path} does not hold its parameters: drawn with those of --params", err=True)
     parameters = provenance.parameters if provenance else parameters
-    texts = provenance.texts() if provenance else curve_texts(parameters, {})
+    texts = provenance.file_contents() if provenance else curve_texts(parameters, {})
     models = [
         build_model(own, curves=curves)
         for own, curves in (answering(one, parameters, texts) for one in topics)

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.provenance import ORIGIN
-from knee_contact_ros.bags.reader import MCAP, contents_of
-from knee_contact_ros.bags.recorder import METADATA, BagWriter
+from knee_contact_ros.bags.bag import ORIGIN
+from knee_contact_ros.bags.folder import MCAP, folder_content
+from knee_contact_ros.bags.metadata_file import METADATA
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.streams import topics
 from knee_contact_ros.streams.messages import (
@@ -276,7 +277,7 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
             bag.add_topic(f"/{topic}", topics.MESSAGE_TYPES[topic])
         bag.add_metadata(ORIGIN, origin)
         for stamp, topic, data in heapq.merge(*streams.values(), key=itemgetter(0)):
-            bag.write(f"/{topic}", stamp, data)
+            bag.write_message(f"/{topic}", stamp, data)
 
 
 def _joint_messages(joints: dict[str, Signal]) -> Iterator[tuple[int, str, bytes]]:
@@ -388,7 +389,7 @@ def check_output(folder: Path, overwrite: bool) -> None:
         raise UsageError(f"{folder} is a file and not a bag's folder; it is not replaced")
     others = {path.name for path in folder.iterdir()}
     with suppress(UsageError):  # it is no bag
-        contents = contents_of(folder)
+        contents = folder_content(folder)
         if not contents.faults:
             others -= {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
     if others:

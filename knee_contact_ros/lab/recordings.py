@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.provenance import Provenance, metadata_of
-from knee_contact_ros.bags.reader import OWN_NAMES, Names
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.names import OWN_NAMES, Names
+from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
 from knee_contact_ros.offline.solve import parameters_in, solve
@@ -113,10 +114,11 @@ def read_recording(
     ), rows
 
 
-def recorded_doubt(bag: Path) -> list[str]:
+def recorded_doubt(bag: Path | Bag) -> list[str]:
     """Sentence that a recording is computed with other parameters than its own; empty list if the bag is none."""
-    if PROVENANCE not in dict(metadata_of(bag)):
-        return []
+    with opened_bag(bag) as open_bag:
+        if open_bag.first_metadata(PROVENANCE) is None:
+            return []
     doubt = f"without params its own parameters are not used, but {DEFAULT_PARAMETERS}"
     return [f"it is a recording; {doubt}"]
 

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest, model_digest, weight_of
-from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.folder import bag_digest
+from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, model_digest
 from knee_contact_ros.lab.knees import VARIABLE_PREFIXES, Computed, Knees, compute, file_texts
 from knee_contact_ros.lab.outcomes import LATERAL, OUTCOME_RECORD
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt
@@ -146,10 +147,12 @@ def groups_of(study: Study) -> list[CaseGroup]:
         with local_bag(place) as (path, digest):
             files = path.rglob("*") if path.is_dir() else [path]
             size = sum(file.stat().st_size for file in files if file.is_file())
-            weight = weight_of(path)
-            with BagReader(path, {}) as reader:
-                damage = join_faults(reader.damage)
-            doubts = () if "params" in study.model_fields_set else tuple(recorded_doubt(path))
+            with Bag(path) as opened:
+                weight = opened.body_weight
+                damage = join_faults(opened.damage)
+                doubts = (
+                    () if "params" in study.model_fields_set else tuple(recorded_doubt(opened))
+                )
         ticks = max(1, size // BYTES_A_TICK)
         for _, params in knees:
             parameters = with_weight([*params, study.values], weight)

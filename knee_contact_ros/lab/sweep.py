@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.reader import names_in_bag
+from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts
 from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_of

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.bags.reader import OWN_NAMES, Names
 from knee_contact_ros.lab.knees import Knees, compute
 from knee_contact_ros.lab.recordings import Recording, read_recording
 from knee_contact_ros.model.kernel import worth_compiling

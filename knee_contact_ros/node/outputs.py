@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
-from knee_contact_ros.bags.recorder import refuse
+from knee_contact_ros.bags.recorder import check_recordable
 from knee_contact_ros.streams.output import (
     ENDED,
     FAILED,
@@ -404,7 +404,7 @@ class Outputs:
             raise UsageError(
                 f"{number} recordings are still being completed; try again when one is complete"
             )
-        refuse(path, knee.parameters.record.min_free * MB, size)
+        check_recordable(path, knee.parameters.record.min_free * MB, size)
         sink = sink_of("record", knee)
         assert sink  # noqa: S101  (there is a path)
         return SinkProcess(sink._replace(name=str(next(free_names(path)))), self._log)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.bags.columns import Batch
-from knee_contact_ros.bags.provenance import is_recording
-from knee_contact_ros.bags.reader import NAMESPACE, BagReader, Names, absolute
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.bag_file import Batch
+from knee_contact_ros.bags.names import NAMESPACE, Names, absolute
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.sources import TopicSource
@@ -42,20 +41,21 @@ def as_recorded(parameters: Any) -> Any:
 
 
 class BagInputs:
-    """Open bag with the angles and forces that a node's parameters name."""
+    """Angles and forces in an open bag that a node's parameters name."""
 
-    def __init__(self, bag: Path, parameters: Parameters | LoadParameters, names: Names) -> None:
-        """Open a bag; `names` are the names of the inputs in it.
+    def __init__(self, bag: Bag, parameters: Parameters | LoadParameters, names: Names) -> None:
+        """Find the inputs in a bag; `names` are their names in it.
 
         A recording of a node has the usual inputs, whatever the node's sources were; then the usual ones are read.
 
         Raises:
-            UsageError: the bag cannot be used, or lacks a topic, a type or a field; see `BagReader` and `Converter`.
+            UsageError: the bag cannot be used, or lacks a topic, a type or a field; see `Bag.select` and `Converter`.
         """
         usual = as_recorded(parameters)
-        if usual.inputs() != parameters.inputs() and is_recording(bag):
+        if usual.inputs() != parameters.inputs() and bag.is_recording:
             parameters = usual
-        self.path, self._parameters = bag, parameters
+        self.path = bag.path
+        self._parameters = parameters
         sources = parameters.inputs()
         self.topic = sources[0].topic
         """Topic of the angles"""
@@ -65,58 +65,43 @@ class BagInputs:
             topic: absolute(one.topic, namespace)
             for topic, one in zip(self._topics, sources, strict=True)
         }
-        self.reader = BagReader(
-            bag,
-            {t: s.type for t, s in zip(self._topics, sources, strict=True)},
-            {**places, **names},
-        )
-        try:
-            converters(parameters, self._types)
-        except BaseException:
-            self.reader.close()
-            raise
+        types = {topic: one.type for topic, one in zip(self._topics, sources, strict=True)}
+        self.reader = bag.select(types, {**places, **names})
+        converters(parameters, self._types)
 
-    def __enter__(self) -> BagInputs:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.reader.close()
-
-    def blocks(self, most: int, only: int | None = None) -> Iterator[Batch]:
-        """Yield blocks of at most `most` messages in the order of log time, as the pipelines take them.
+    def batches_of(self, size: int, only: int | None = None) -> Iterator[Batch]:
+        """Yield batches of at most `size` messages in the order of arrival, as the pipelines take them.
 
         Messages of number 0 are angles, as JointStates; those of number 1 are forces, as WrenchStampeds. `only` is the
         number to read; None means both.
         """
         convert = converters(self._parameters, self._types)
         topics = self._topics if only is None else [self._topics[only]]
-        for block in self.reader.blocks(topics, most=most):
-            batch = block
+        for read in self.reader.batches_of(size, topics):
+            batch = read
             if self._topics[0] == self._topics[1]:  # a message has both
-                twice = replace(
-                    block.part(np.repeat(np.arange(len(block)), 2)),
-                    numbers=np.tile([0, 1], len(block)),
-                )
-                batch = (
-                    twice if only is None else twice.part(np.flatnonzero(twice.numbers == only))
-                )
+                count = len(read)
+                twice = read.select(np.repeat(np.arange(count), 2))
+                batch = replace(twice, numbers=np.tile([0, 1], count))
+                if only is not None:
+                    batch = batch.select(np.flatnonzero(batch.numbers == only))
             yield batch.converted(convert) if any(convert) else batch
 
     @property
-    def forces(self) -> int:
+    def force_count(self) -> int:
         """Number of forces."""
-        return self.reader.count_of(self._topics[1])
+        return self.reader.count_messages(self._topics[1])
 
     def publishers(self, number: int) -> str:
         """Channels of the angles (0) or forces (1), as words, if there are several; else empty."""
-        channels = self.reader.channels(self._topics[number])
+        channels = self.reader.channel_ids(self._topics[number])
         return (
             f"channels {' and '.join(map(str, channels))} of the bag" if len(channels) > 1 else ""
         )
 
     def _types(self, source: TopicSource, by: str) -> Typestore:
         try:
-            return store_of(self.reader.definition(absolute(source.topic)), source.type)
+            return store_of(self.reader.definition_of(absolute(source.topic)), source.type)
         except Exception as error:  # whatever a foreign definition provokes
             reason = " ".join(str(error).split())
             raise UsageError(
@@ -133,7 +118,7 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
         UsageError: no sample has one of the joints; the message lists those of the bag.
     """
     joints: dict[str, None] = {}  # a set that keeps the order
-    for data in (data for block in bag.blocks(READ_AHEAD, only=0) for _, _, data in block):
+    for data in (data for block in bag.batches_of(READ_AHEAD, only=0) for _, _, data in block):
         with suppress(RefusedSampleError):
             joints |= dict.fromkeys(JOINT_STATE.read(data, JOINT_STATES)[0].name)
         if joints.keys() >= set(wanted.values()):
@@ -145,18 +130,18 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
             raise UsageError(f"bag {bag.path}: {text}")
 
 
-def transform_messages(bag: Path) -> list[bytes]:
+def transform_messages(bag: Bag) -> list[bytes]:
     """Messages of `/tf_static` in a bag, as bytes; an empty list if it has no such topic of that type."""
-    with suppress(UsageError), BagReader(bag, {TF_STATIC: TF_MESSAGE}) as reader:
-        return [message.data for message in reader.raw_messages()]
+    with suppress(UsageError):
+        return [message.data for message in bag.select({TF_STATIC: TF_MESSAGE}).raw_messages()]
     return []
 
 
-def learn_transforms(bag: Path, frame: ForceFrame) -> None:
+def learn_transforms(bag: Bag, frame: ForceFrame) -> None:
     """Add all static transforms of a bag to a frame; warn of those that cannot be used."""
     for data in transform_messages(bag):
         try:
             problems = frame.learn(decode_transforms(data))
         except ValueError as error:
             problems = [str(error)]
-        warn(f"{TF_STATIC} of {bag}: {problem}" for problem in problems)
+        warn(f"{TF_STATIC} of {bag.path}: {problem}" for problem in problems)

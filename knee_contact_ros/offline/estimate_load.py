@@ -10,8 +10,9 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.provenance import ORIGIN, stored_load, weight_of
-from knee_contact_ros.bags.reader import OWN_NAMES, Names
+from knee_contact_ros.bags.bag import ORIGIN, Bag, opened_bag
+from knee_contact_ros.bags.names import OWN_NAMES, Names
+from knee_contact_ros.bags.provenance import stored_load
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
@@ -76,7 +77,7 @@ class LoadSummary(NamedTuple):
 
 
 def load_parameters_for(
-    bag: Path, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
+    bag: Path | Bag, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
 ) -> tuple[LoadParameters, str, list[str]]:
     """Parameters for a bag: the given ones, else those that a recording of estimates holds, else the defaults.
 
@@ -86,19 +87,22 @@ def load_parameters_for(
     Raises:
         UsageError: parameters or the recording cannot be used; see `load_parameters` and `stored_load`.
     """
-    stored = None if sources else stored_load(bag)
-    first, changes = stored or ({}, 0)
-    parameters = parameters_for(bag, [*sources, first, values], namespace, LoadParameters)
-    fault = f"bag {bag}: parameters changed {changes} times in it; those of its beginning are used throughout"
-    return (
-        parameters,
-        f"those in {bag.name}" if stored else "the defaults",
-        [fault] if changes else [],
-    )
+    with opened_bag(bag) as open_bag:
+        path = open_bag.path
+        stored = None if sources else stored_load(open_bag)
+        first, changes = stored or ({}, 0)
+        all_sources = [*sources, first, values]
+        parameters = parameters_for(open_bag, all_sources, namespace, LoadParameters)
+    doubts = []
+    if changes:
+        doubts.append(
+            f"bag {path}: parameters changed {changes} times in it; those of its beginning are used throughout"
+        )
+    return parameters, f"those in {path.name}" if stored else "the defaults", doubts
 
 
 def estimate_load(
-    bag: Path,
+    bag: Path | Bag,
     parameters: LoadParameters,
     output: Path | None,
     advance: OnProgress = no_progress,
@@ -122,25 +126,28 @@ def estimate_load(
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
     """
-    with BagInputs(bag, parameters, names) as inputs:
+    with opened_bag(bag) as open_bag:
+        inputs = BagInputs(open_bag, parameters, names)
         check_joints(inputs, parameters.joints())
-        pipeline, damage = LoadPipeline(parameters), inputs.reader.damage
+        pipeline, damage = LoadPipeline(parameters), open_bag.damage
         if parameters.frame.ground:
-            learn_transforms(bag, pipeline.frame)
+            learn_transforms(open_bag, pipeline.frame)
         with recording_of(
-            bag, output, overwrite, LOAD_RECORDED, parameters, told_as=LOAD_PROVENANCE
+            open_bag, output, overwrite, LOAD_RECORDED, parameters, provenance_name=LOAD_PROVENANCE
         ) as recorder:
-            if recorder and (weight_of(bag) or parameters.person != PersonSection()):
+            if recorder and (open_bag.body_weight or parameters.person != PersonSection()):
                 weight = f"{parameters.person.constants.weight:.7g} N"
-                recorder.note(
+                recorder.write_note(
                     ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight}
                 )
             answers = recorded(recorder, pipeline, _answers(inputs, pipeline, advance))
             flexions = list[float]()
             estimates = np.fromiter(_rows(pipeline, answers, keep, flexions), ESTIMATE)
-            finish(recorder, pipeline, bag, damage)
+            finish(recorder, pipeline, open_bag, damage)
             if not len(estimates):
-                raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
+                raise nothing_computed(
+                    open_bag, "joint reaction could be estimated", pipeline, damage
+                )
     seen = InputCheck(parameters.person.constants.weight, load_driven=False, names="knee.")
     seen.add_samples(estimates["stamp"], np.array(flexions), estimates["axial_force"])
     refused, level = pipeline.synchroniser.refused, pipeline.level
@@ -164,9 +171,9 @@ def _rows(
 def _answers(inputs: BagInputs, pipeline: LoadPipeline, advance: OnProgress) -> Iterator[Answer]:
     """Answers to all messages of a bag, one by one; `advance` is called after each block."""
     take, done = (pipeline.joint_state, pipeline.force), 0
-    for block in inputs.blocks(MESSAGES_PER_ADVANCE):
+    for block in inputs.batches_of(MESSAGES_PER_ADVANCE):
         for which, _, data in block:
             yield from take[which](data)
         done += len(block)
-        advance(done, inputs.reader.count)
+        advance(done, inputs.reader.message_count)
     yield from pipeline.finish()

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.folder import others_beside
+from knee_contact_ros.bags.names import Names, names_in_bag
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.bags.reader import Names, names_in_bag, others_beside
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
@@ -93,7 +95,7 @@ def solve(
 
 
 def answers_of(
-    bag: Path,
+    bag: Path | Bag,
     basis: Parameters | Provenance,
     names: Names,
     output: Path | None = None,

@@ -14,7 +14,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from knee_contact_ros.bags.columns import Batch, write_messages
+from knee_contact_ros.bags.bag import Bag, opened_bag
+from knee_contact_ros.bags.bag_file import Batch
+from knee_contact_ros.bags.batch_writer import write_messages
+from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
@@ -24,10 +27,8 @@ from knee_contact_ros.bags.provenance import (
     change_record,
     provenance_record,
     read_provenance,
-    weight_of,
     with_values,
 )
-from knee_contact_ros.bags.reader import OWN_NAMES, Names, files_of
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.kernel import worth_compiling
@@ -68,7 +69,7 @@ MESSAGES_OF_A_TICK = 2
 
 
 def solve(
-    bag: Path,
+    bag: Path | Bag,
     basis: Parameters | Provenance,
     output: Path | None,
     advance: OnProgress = no_progress,
@@ -103,8 +104,9 @@ def solve(
     parameters = parameters_in(basis)
     curves = texts_of(basis) if curves is None else curves
     with ExitStack() as opened:
-        inputs = opened.enter_context(BagInputs(bag, parameters, names))
-        reader = inputs.reader
+        bag = opened.enter_context(opened_bag(bag))
+        inputs = BagInputs(bag, parameters, names)
+        total = inputs.reader.message_count
         check_joints(inputs, parameters.joints())
         pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
         if recording:
@@ -115,7 +117,7 @@ def solve(
         recorder = opened.enter_context(
             recording_of(bag, output, overwrite, topics, parameters, curves)
         )
-        if worth_compiling(reader.count // MESSAGES_OF_A_TICK) if compiled is None else compiled:
+        if worth_compiling(total // MESSAGES_OF_A_TICK) if compiled is None else compiled:
             pipeline.compile()
         prepare(pipeline)
         summary, *others = (
@@ -130,22 +132,22 @@ def solve(
             thread,
             deque(recording.changes if recording else ()),
         )
-        for block in inputs.blocks(BLOCK):
+        for block in inputs.batches_of(BLOCK):
             run.take(block)
             done += len(block)
-            advance(done, reader.count)
+            advance(done, total)
         run.keep(pipeline.finish())
         summary.finish()
-        summary.damage, summary.refused = reader.damage, pipeline.synchroniser.refused
+        summary.damage, summary.refused = bag.damage, pipeline.synchroniser.refused
         if recording:
             late = [
                 "changes in the node may be applied too late, because ticks before them are missing"
             ]
-            lost = late if reader.damage and recording.changes else []
-            summary.damage = [*recording.damage, *reader.damage, *lost]
+            lost = late if bag.damage and recording.changes else []
+            summary.damage = [*recording.damage, *bag.damage, *lost]
         finish(recorder, pipeline, bag, summary.damage)
         summary.split = pipeline.split if pipeline.varies else None
-        summary.unanswered = unanswered_sentence(pipeline, inputs.forces)
+        summary.unanswered = unanswered_sentence(pipeline, inputs.force_count)
         seen = (
             pipeline.angles_seen.sentence(inputs.publishers(0), parameters.knee.joint_name),
             pipeline.forces_seen.sentence(inputs.publishers(1)),
@@ -159,13 +161,13 @@ def solve(
 
 @contextmanager
 def recording_of(
-    bag: Path,
+    bag: Bag,
     output: Path | None,
     overwrite: bool,
     topics: Iterable[str],
     parameters: Parameters | LoadParameters,
     curves: Mapping[str, str] = {},
-    told_as: str = PROVENANCE,
+    provenance_name: str = PROVENANCE,
 ) -> Iterator[AnswerWriter | None]:
     """Open the output of a bag that is computed; it is removed if computing fails. None without an `output`.
 
@@ -175,10 +177,12 @@ def recording_of(
     if output is None:
         yield None
         return
-    check_not_input(output, files_of(bag))
+    check_not_input(output, bag.paths)
     with BagWriter(output, overwrite=overwrite, alone=True) as writer:
         record = provenance_record(parameters, curves, bag)
-        yield AnswerWriter(writer, record, {topic: f"/{topic}" for topic in topics}, told_as)
+        yield AnswerWriter(
+            writer, record, {topic: f"/{topic}" for topic in topics}, provenance_name
+        )
 
 
 def recorded(
@@ -187,27 +191,25 @@ def recorded(
     """Record answers as they come, and a note when forces are turned; without a recorder pass answers on."""
     for answer in answers:
         if recorder and pipeline.frame.turn_note:
-            recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
+            recorder.write_note(FORCE_TURNED, pipeline.frame.take_turn_note())
         if recorder:
-            recorder.write(answer.records)
+            recorder.write_answer(answer.records)
         yield answer
 
 
 def finish(
-    recorder: AnswerWriter | None, pipeline: Pipeline, bag: Path, damage: Sequence[str]
+    recorder: AnswerWriter | None, pipeline: Pipeline, bag: Bag, damage: Sequence[str]
 ) -> None:
     """Write what ends a recording: the remaining inputs, refused samples and the damage of the bag it comes from."""
     if recorder:
-        recorder.finish(pipeline.ending())
+        recorder.write_ending(pipeline.ending())
         if damage:
             recorder.bag.add_metadata(
-                SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)}
+                SOURCE_DAMAGE, {"source": bag.path.name, "faults": "\n".join(damage)}
             )
 
 
-def nothing_computed(
-    bag: Path, what: str, pipeline: Pipeline, damage: Sequence[str]
-) -> UsageError:
+def nothing_computed(bag: Bag, what: str, pipeline: Pipeline, damage: Sequence[str]) -> UsageError:
     """Error that a bag gave no `what`, with the reasons why samples were refused."""
     reasons = ", ".join(
         f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items()
@@ -217,7 +219,7 @@ def nothing_computed(
         or "no angle and force at one time"
     )
     damaged = f"; the bag is damaged: {join_faults(damage)}" if damage else ""
-    return UsageError(f"bag {bag}: no {what} ({why}){damaged}")
+    return UsageError(f"bag {bag.path}: no {what} ({why}){damaged}")
 
 
 def parameters_in(basis: Parameters | Provenance) -> Parameters:
@@ -231,7 +233,7 @@ def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
     Raises:
         UsageError: a file cannot be read, or its contents are not in the recording.
     """
-    return basis.texts() if isinstance(basis, Provenance) else curve_texts(basis, {})
+    return basis.file_contents() if isinstance(basis, Provenance) else curve_texts(basis, {})
 
 
 @dataclass
@@ -268,7 +270,7 @@ class Run:
             self._pass_on([together[first::number] for first in range(number)])
 
     def _take_at_once(self, block: Batch) -> bool:
-        answers = take(self.pipeline, block.of(0), block.of(1), block.numbers)
+        answers = take(self.pipeline, block.messages_of(0), block.messages_of(1), block.numbers)
         if answers is None:
             return False
         rows, messages = answers
@@ -291,7 +293,7 @@ class Run:
 
     def _note(self, name: str, values: dict[str, str]) -> None:
         if self.recorder:
-            self.recorder.note(name, values)
+            self.recorder.write_note(name, values)
 
     def _make_changes(self) -> None:
         """Make the changes whose tick has come, and record them.
@@ -321,7 +323,7 @@ FEMORAL_SHARE = 9.3014 / 75.16
 
 
 def basis_of(
-    bag: Path,
+    bag: Path | Bag,
     params: ParameterSource | None,
     values: Mapping[str, Any],
     person: Subject | None,
@@ -352,14 +354,16 @@ def basis_of(
 
 
 def parameters_for(
-    bag: Path, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters
+    bag: Path | Bag, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters
 ) -> Any:
     """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
 
     Raises:
         UsageError: as for `load_parameters`.
     """
-    return with_weight(sources, weight_of(bag), namespace, schema)
+    with opened_bag(bag) as open_bag:
+        weight = open_bag.body_weight
+    return with_weight(sources, weight, namespace, schema)
 
 
 def with_weight(
@@ -379,9 +383,11 @@ def with_weight(
     return load_parameters([*sources, {name: weight * per_newton}], schema, namespace)
 
 
-def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str]:
+def weight_doubt(bag: Path | Bag, parameters: Parameters | LoadParameters) -> list[str]:
     """Sentence that a bag was imported with another body weight than the parameters have; empty list if not."""
-    weight, mass = weight_of(bag), isinstance(parameters, LoadParameters)
+    with opened_bag(bag) as open_bag:
+        weight, path = open_bag.body_weight, open_bag.path
+    mass = isinstance(parameters, LoadParameters)
     used = (
         parameters.person.mass * GRAVITY
         if isinstance(parameters, LoadParameters)
@@ -390,7 +396,7 @@ def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str
     if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
         return []
     said = f"person.mass {used / GRAVITY:.7g} kg" if mass else f"body_weight {used:.7g} N"
-    return [f"{said} is used as you gave it, but bag {bag} was imported with {weight:.7g} N"]
+    return [f"{said} is used as you gave it, but bag {path} was imported with {weight:.7g} N"]
 
 
 class SubjectFile(Section):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.columns import Messages
+from knee_contact_ros.bags.batch_writer import TopicMessages
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.model.types import Floats, Rows, Stamps
 from knee_contact_ros.streams.columns import (
@@ -44,7 +44,7 @@ Fresh = NDArray[np.bool_]
 """Whether an angle of a block is still to be recorded, for each angle, shape (n,)"""
 
 
-Answers = tuple[tuple[Rows, ...], tuple[Messages, ...]]
+Answers = tuple[tuple[Rows, ...], tuple[TopicMessages, ...]]
 """Answers to a block: for each compartment the rows, shape (n,), and the messages to record, inputs and outputs, with
 their places in the order of the recording"""
 
@@ -249,7 +249,7 @@ def _computed(
     states, each = samples.states, len(rows) + 5
     place = each * np.arange(number)
     answered = [
-        Messages(
+        TopicMessages(
             compartment.topic, stamps, encode_answers(frame_id, stamps, answers), place + behind
         )
         for behind, (compartment, answers) in enumerate(
@@ -257,23 +257,23 @@ def _computed(
         )
     ]
     leg = [
-        Messages(topic, stamps[ticks], data, place[ticks] + each - 3 + behind)
+        TopicMessages(topic, stamps[ticks], data, place[ticks] + each - 3 + behind)
         for behind, (topic, ticks, data) in enumerate(
             pipeline.leg.messages(stamps, frame_id, rows[0])
         )
     ]
     wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
     messages = (
-        Messages(
+        TopicMessages(
             JOINT_STATES,
             states.stamps[taken],
             states.data[taken],
             each * paired.tick_of_angle[taken],
         ),
-        Messages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
+        TopicMessages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
         *answered,
         *leg,
-        Messages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1),
+        TopicMessages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1),
     )
     return rows, messages
 

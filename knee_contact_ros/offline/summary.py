@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.provenance import metadata_of
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics
+from knee_contact_ros.bags.answers import answer_blocks, answer_topics
+from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Fidelity, Rows, Status
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
@@ -210,24 +210,27 @@ def bound(errors: float | NDArray[np.float64]) -> float:
     return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
 
 
-def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = None) -> Summary:
+def read_summary(
+    recording: Path | Bag, body_weight: float, doubts: Doubts | None = None
+) -> Summary:
     """Summarise the answers of a recording, a file or a folder.
 
     `body_weight` is in N; `doubts` are the doubts about the parameters of the recording, if they are known.
     """
     summary = Summary(body_weight, doubts or Doubts())
     summaries = {KNEE_CONTACT: summary}
-    if f"/{KNEE_CONTACT_LATERAL}" in answer_topics(recording):
-        summary.lateral = summaries[KNEE_CONTACT_LATERAL] = Summary(body_weight)
-    for topic, compartment in summaries.items():
-        for answers in answer_blocks(recording, f"/{topic}"):
-            compartment.add(answers)
+    with opened_bag(recording) as bag:
+        if f"/{KNEE_CONTACT_LATERAL}" in answer_topics(bag):
+            summary.lateral = summaries[KNEE_CONTACT_LATERAL] = Summary(body_weight)
+        for topic, compartment in summaries.items():
+            for answers in answer_blocks(bag, f"/{topic}"):
+                compartment.add(answers)
+        summary.refused = refused_samples(bag)
     summary.finish()
-    summary.refused = read_refused(recording)
     return summary
 
 
-def read_refused(recording: Path) -> Counter[str]:
-    """Return the number of refused samples by reason, from the metadata of a recording (a file or a folder)."""
-    counts = dict(metadata_of(recording)).get(REFUSED_SAMPLES, {})
+def refused_samples(recording: Bag) -> Counter[str]:
+    """Return the number of refused samples by reason, from the metadata of a recording."""
+    counts = dict(recording.metadata).get(REFUSED_SAMPLES, {})
     return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})

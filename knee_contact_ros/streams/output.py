@@ -41,7 +41,7 @@ class RecordedKnee(NamedTuple):
     """Absolute name under which each topic is recorded"""
     provenance: Mapping[str, str]
     """Content of the metadata record that describes how the answers were computed"""
-    told_as: str = PROVENANCE
+    provenance_name: str = PROVENANCE
     """Name of that metadata record"""
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import knee_contact_ros
 from examples.assist_as_needed import AssistLaw, Settings
-from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.commands.demo import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter

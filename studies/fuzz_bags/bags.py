@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.reader import INPUT_TYPES
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import (
     JointState,
@@ -220,7 +220,7 @@ def split(path: Path) -> None:
             for topic, type_name in INPUT_TYPES.items():
                 bag.add_topic(topic, type_name)
             for topic, stamp, data in every[begin:end]:
-                bag.write(topic, stamp, data)
+                bag.write_message(topic, stamp, data)
     yaml, metadata = YAML(), path / "metadata.yaml"
     content = yaml.load(metadata)
     information = content["rosbag2_bagfile_information"]

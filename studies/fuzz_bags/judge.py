@@ -17,8 +17,8 @@ from typing import NamedTuple
 from mcap import records
 from mcap.reader import McapReader, NonSeekingReader, make_reader
 
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -105,7 +105,7 @@ def recovery_fault(bag: Path, folder: Path) -> str:
             return f"the output is damaged: {new.faults[0]}"
         if everything(new) != everything(old):
             return "the output holds something else"
-        if new.counts.total() != sum(topic.messages for topic in recovery.topics):
+        if new.message_counts.total() != sum(topic.messages for topic in recovery.topics):
             return "the output holds another number of messages"
     return ""
 
@@ -114,7 +114,7 @@ def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
     """All messages of a file, in its order."""
     return [
         (
-            file.streams[entry.channel_id][0].topic,
+            file.declared[entry.channel_id][0].topic,
             entry.sequence,
             entry.log_time,
             entry.publish_time,
@@ -127,8 +127,8 @@ def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
 
 def compared(bag: Path) -> tuple[int, int]:
     """Numbers of messages read that were not in the undamaged bag, and of messages of it that were not read."""
-    with BagReader(bag) as reader:
-        found = {(message.topic, message.data) for message in reader.raw_messages()}
+    with Bag(bag) as opened:
+        found = {(message.topic, message.data) for message in opened.select().raw_messages()}
     original = {(topic, data) for topic, _, data in messages()}
     return len(found - original), len(original - found)
 

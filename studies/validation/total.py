@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from knee_contact_ros import estimate_load
-from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Deviation, Estimator
 from knee_contact_ros.joint_reaction.leg import GRAVITY, UNKNOWN, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.streams.topics import stamp_to_ns
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT

@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from knee_contact_ros.bags.columns import Batch, Messages, blocks, write_messages
-from knee_contact_ros.bags.mcap_file import DamagedError, contents_of
+from knee_contact_ros.bags.arrival import in_batches_of
+from knee_contact_ros.bags.bag_file import Batch
+from knee_contact_ros.bags.batch_writer import TopicMessages, write_messages
+from knee_contact_ros.bags.mcap_file import DamagedError, chunk_content
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
@@ -31,9 +33,9 @@ def batch(rows: list[tuple[int, int, bytes]]) -> Batch:
 def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:
     ends = np.cumsum(sizes).tolist()
     batches = [
-        batch(ROWS).part(slice(end - size, end)) for size, end in zip(sizes, ends, strict=True)
+        batch(ROWS).select(slice(end - size, end)) for size, end in zip(sizes, ends, strict=True)
     ]
-    found = list(blocks(batches, most))
+    found = list(in_batches_of(most, batches))
     assert [row for block in found for row in block] == ROWS
     assert all(len(block) == most for block in found[:-1])
     assert 0 < len(found[-1]) <= most
@@ -48,29 +50,33 @@ def test_a_length_that_leads_back_is_not_believed(length: int) -> None:
     data = bytearray(DATA)
     data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
     with pytest.raises(DamagedError, match="bytes that are not records"):
-        contents_of(bytes(data))
-    assert len(contents_of(bytes(data), cut=True)[0]) == 4
+        chunk_content(bytes(data))
+    assert len(chunk_content(bytes(data), is_cut=True)[0]) == 4
 
 
-def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[Messages]:
+def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[TopicMessages]:
     """Up to so many messages of each topic, in any order and of any stamps; of some topics none."""
     rows = []
     for name in dice.permutation(NAMES).tolist():
         number = int(dice.integers(most + 1)) if dice.random() < 0.8 else 0
         stamps = 1_000_000 + dice.integers(-1000, 1000, number)
         data = dice.integers(256, size=(number, int(dice.integers(longest))), dtype=np.uint8)
-        rows.append(Messages(name, stamps, data, np.sort(dice.integers(most + 1, size=number))))
+        rows.append(
+            TopicMessages(name, stamps, data, np.sort(dice.integers(most + 1, size=number)))
+        )
     return rows
 
 
-def one_by_one(bag: BagWriter, rows: list[Messages]) -> None:
+def one_by_one(bag: BagWriter, rows: list[TopicMessages]) -> None:
     order = sorted(
         (int(place), number, i)
         for number, row in enumerate(rows)
         for i, place in enumerate(row.place)
     )
     for _, number, i in order:
-        bag.write(rows[number].topic, int(rows[number].stamps[i]), rows[number].data[i].tobytes())
+        bag.write_message(
+            rows[number].topic, int(rows[number].stamps[i]), rows[number].data[i].tobytes()
+        )
 
 
 @settings(max_examples=15, deadline=None)
@@ -92,7 +98,7 @@ def test_a_block_is_as_its_messages_one_by_one(
             for _ in range(3):
                 way(bag, rows_of(dice, most, longest))
                 if dice.random() < 0.5:
-                    bag.write(NAMES[0], 5, bytes(70_000 * dice.integers(2)))
+                    bag.write_message(NAMES[0], 5, bytes(70_000 * dice.integers(2)))
                 if dice.random() < 0.3:
                     bag.file.flush()
         files.append(path.read_bytes() + path.with_name("metadata.yaml").read_bytes())

@@ -8,7 +8,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from knee_contact_ros.bags.reader import BagReader, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
@@ -16,14 +17,14 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, stamp_to_ns
 from studies.fuzz_bags.bags import TICKS, mcap, messages, split, sqlite
 from tests.bags.test_mcap_file import chunks
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages
 
 CONTACT = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
 
 
 def damage_of(bag: Path) -> list[str]:
-    with BagReader(bag) as reader:
-        return list(reader.damage)
+    with Bag(bag) as opened:
+        return opened.damage
 
 
 def test_answers_behind_a_hole_say_so(tmp_path: Path) -> None:
@@ -68,7 +69,7 @@ def test_the_command_ends_with_code_1_and_one_line(
 def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None:
     split(tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").unlink()
-    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
+    assert [tuple(message) for message in raw_messages(tmp_path / "bag")] == list(messages())
     assert damage_of(tmp_path / "bag") == ["metadata.yaml is missing"]
     (tmp_path / "bag" / "metadata.yaml").write_text("{")
     assert damage_of(tmp_path / "bag") == ["metadata.yaml cannot be read"]
@@ -79,7 +80,7 @@ def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
     (tmp_path / "bag" / "bag_1.db3").write_bytes(b"")
     metadata = tmp_path / "bag" / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("- bag.db3", "- bag.db3\n  - bag_1.db3", 1))
-    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
+    assert [tuple(message) for message in raw_messages(tmp_path / "bag")] == list(messages())
     assert any(fault.startswith("bag_1.db3: ") for fault in damage_of(tmp_path / "bag"))
 
 

@@ -10,8 +10,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from knee_contact_ros.bags.columns import by_arrival
-from knee_contact_ros.bags.mcap_file import MOST_RECORDS, McapFile
+from knee_contact_ros.bags.arrival import by_arrival
+from knee_contact_ros.bags.mcap_file import MAX_RECORDS, McapFile
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
 from tests.hostile.bags import channel, chunk, message, record, schema, whole, zstd_of_zeros
@@ -35,10 +35,10 @@ def made(tmp_path: Path, form: str) -> Path:
 def read(path: Path) -> tuple[list[Message], list[str]]:
     """Messages by time, and faults."""
     with closing(McapFile(path)) as file:
-        numbers = {number: number for number in file.streams}
+        numbers = {number: number for number in file.declared}
         found = [row for batch in by_arrival([file], [numbers]) for row in batch]
-        topics = {number: channel.topic for number, (channel, _) in file.streams.items()}
-        assert file.counts.total() == len(found)
+        topics = {number: channel.topic for number, (channel, _) in file.declared.items()}
+        assert file.message_counts.total() == len(found)
         return [(topics[number], time, data) for number, time, data in found], file.faults
 
 
@@ -151,8 +151,8 @@ def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
     for content, words in (
         (whole(chunk(zstd_of_zeros(1024), 2**28)), "more than 200 times the file"),
         (
-            whole(chunk(record(0x80, b"") * (MOST_RECORDS + 1), 9 * (MOST_RECORDS + 1), "")),
-            f"{MOST_RECORDS} records",
+            whole(chunk(record(0x80, b"") * (MAX_RECORDS + 1), 9 * (MAX_RECORDS + 1), "")),
+            f"{MAX_RECORDS} records",
         ),
     ):
         path.write_bytes(content)
@@ -163,7 +163,7 @@ def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
 def test_chunks_over_each_other_are_not_unpacked_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.bags.columns.MOST_AT_ONCE", 2**20)
+    monkeypatch.setattr("knee_contact_ros.bags.arrival.MAX_BYTES_IN_MEMORY", 2**20)
     path, topics = tmp_path / "bag.mcap", schema(1, STATE, b"") + channel(1, "/joint_states")
     for last, refused in ((0, False), (300, True)):
         parts = []

@@ -10,7 +10,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from knee_contact_ros.bags.recorder import Limits
+from knee_contact_ros.bags.recorder import FileLimits
 from tests.bags.test_split import MS, TICK, record
 from tests.helpers.needs import needs_viewer
 
@@ -25,7 +25,7 @@ def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     record(
         folder / "knee_0.mcap",
         range(NUMBER),
-        Limits(duration=200 * MS) if "several" in request.param else Limits(),
+        FileLimits(duration=200 * MS) if "several" in request.param else FileLimits(),
     )
     return folder
 

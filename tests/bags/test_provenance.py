@@ -12,15 +12,15 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
+from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.folder import bag_digest, others_beside
 from knee_contact_ros.bags.provenance import (
     Change,
-    bag_digest,
     change_record,
     provenance_record,
     read_provenance,
 )
-from knee_contact_ros.bags.reader import others_beside, read_answers
-from knee_contact_ros.bags.recorder import BagWriter, Limits
+from knee_contact_ros.bags.recorder import BagWriter, FileLimits
 from knee_contact_ros.commands.main import knee_contact, main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -200,12 +200,12 @@ def test_a_recording_that_was_cut_off_still_says_it(
 
 
 def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "run_0.mcap", limits=Limits(duration=10.0)) as bag:
+    with BagWriter(tmp_path / "run_0.mcap", limits=FileLimits(duration=10.0)) as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
         bag.add_metadata("knee_contact", provenance_record(load_parameters({}), {}))
         for stamp in (0, 20):
             bag.split_if_due(stamp)
-            bag.write(
+            bag.write_message(
                 "/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ()))
             )
     with pytest.raises(UsageError, match=r"run_1.mcap continues run_0.mcap"):

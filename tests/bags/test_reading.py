@@ -11,10 +11,10 @@ import zstandard
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage, names_in_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES, Bag, RawMessage
+from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.bags import Mcap, write_rosbag2, write_split
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import Mcap, raw_messages, write_rosbag2, write_split
 
 ANGLE, FORCE = INPUT_TYPES
 SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
@@ -23,7 +23,7 @@ Kind = Callable[[Path, list[RawMessage]], Path]
 
 @pytest.fixture(scope="module")
 def gait(request: pytest.FixtureRequest) -> list[RawMessage]:
-    return raw_inputs(request.getfixturevalue("right_bag"))
+    return raw_messages(request.getfixturevalue("right_bag"))
 
 
 def lz4_file(folder: Path, messages: list[RawMessage]) -> Path:
@@ -70,14 +70,15 @@ def test_every_kind_of_bag_gives_the_same_messages(
     kind: Kind, gait: list[RawMessage], tmp_path: Path
 ) -> None:
     path = kind(tmp_path / "bag", gait)
-    with BagReader(path) as reader:
-        assert reader.count == len(gait)
+    with Bag(path) as bag:
+        reader = bag.select()
+        assert reader.message_count == len(gait)
         assert list(reader.raw_messages()) == gait
         assert list(reader.raw_messages()) == gait  # once more, as for a loop
         middle, late = gait[200].log_time, gait[600].log_time
         part = [message for message in gait if middle <= message.log_time < late]
         assert list(reader.raw_messages(start=middle, stop=late)) == part
-        assert reader.end > gait[-1].log_time
+        assert bag.end > gait[-1].log_time
 
 
 def test_a_topic_on_two_channels_is_one_stream(gait: list[RawMessage], tmp_path: Path) -> None:
@@ -87,7 +88,7 @@ def test_a_topic_on_two_channels_is_one_stream(gait: list[RawMessage], tmp_path:
     assert first != second
     for number, message in enumerate(gait):
         mcap.write((first if number % 3 else second)[message.topic], message)
-    assert raw_inputs(mcap.close()) == gait
+    assert raw_messages(mcap.close()) == gait
 
 
 @pytest.mark.parametrize("profile", ["ros2", "", "x-lab"])
@@ -102,12 +103,10 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
         mcap.write(channels[message.topic], message)
         mcap.write(log, message._replace(data=b"{}"))
     path = mcap.close()
-    assert raw_inputs(path) == gait
-    with BagReader(path) as reader:
-        assert (
-            list(reader.raw_messages(start=gait[300].log_time, stop=gait[302].log_time))
-            == gait[300:302]
-        )
+    assert raw_messages(path) == gait
+    with Bag(path) as bag:
+        part = bag.select().raw_messages(start=gait[300].log_time, stop=gait[302].log_time)
+        assert list(part) == gait[300:302]
 
 
 @pytest.mark.parametrize(
@@ -178,14 +177,14 @@ def test_what_is_there_instead_is_told_in_one_line(
     channels: list[tuple[str, str]], words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(UsageError) as caught:
-        BagReader(empty(tmp_path / "bag.mcap", channels))
+        raw_messages(empty(tmp_path / "bag.mcap", channels))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_a_topic_that_is_no_cdr_is_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="topic /joint_states is encoded as json; it must be cdr"):
-        BagReader(empty(tmp_path / "json.mcap", list(INPUT_TYPES.items()), encoding="json"))
+        raw_messages(empty(tmp_path / "json.mcap", list(INPUT_TYPES.items()), encoding="json"))
 
 
 def test_a_compressed_file_that_somebody_unpacked_is_read(
@@ -196,7 +195,7 @@ def test_a_compressed_file_that_somebody_unpacked_is_read(
     with packed.open("rb") as source, packed.with_suffix("").open("wb") as target:
         zstandard.ZstdDecompressor().copy_stream(source, target)
     packed.unlink()
-    assert raw_inputs(folder) == gait
+    assert raw_messages(folder) == gait
 
 
 @pytest.mark.parametrize("storage", [SQLITE, MCAP])
@@ -206,4 +205,4 @@ def test_a_file_of_compressed_messages_asks_for_its_folder(
     folder = write_rosbag2(tmp_path / "bag", gait, storage, CompressionMode.MESSAGE)
     (file,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
     with pytest.raises(UsageError, match=r"has compressed messages: give its folder"):
-        BagReader(file)
+        raw_messages(file)

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics, read_answers, read_bag
+from knee_contact_ros.bags.answers import answer_blocks, answer_topics, read_answers, read_bag
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank_answers
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters

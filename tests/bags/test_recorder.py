@@ -14,15 +14,17 @@ import pytest
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
-from knee_contact_ros.bags.reader import BagReader, read_bag
-from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, refuse
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.recorder import INTERRUPTED, FileLimits, check_recordable
 from knee_contact_ros.node.outputs import size_of
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.summary import read_refused
+from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.bags import raw_messages
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
     SETTINGS,
@@ -50,12 +52,10 @@ def test_a_recording_holds_what_solve_writes(
     sink = started.recorder(
         tmp_path / "live.mcap", wait=False
     )  # it takes answers before it is open
-    with BagReader(right_bag) as bag:
-        for topic, _, data in bag.raw_messages():
-            for each in (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(
-                data
-            ):
-                sink.put(each)
+    for topic, _, data in raw_messages(right_bag):
+        take = pipeline.joint_state if topic == "/joint_states" else pipeline.force
+        for each in take(data):
+            sink.put(each)
     for data in (b"", b""):
         list(pipeline.joint_state(data))  # refused
     close(sink, pipeline.ending())
@@ -69,7 +69,8 @@ def test_a_recording_holds_what_solve_writes(
         for name in ("live.mcap", "offline.mcap")
     )
     assert live == offline
-    assert read_refused(tmp_path / "live.mcap") == {"undecodable": 2}
+    with Bag(tmp_path / "live.mcap") as bag:
+        assert refused_samples(bag) == {"undecodable": 2}
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "live.mcap",
         "metadata.yaml",
@@ -141,14 +142,14 @@ def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None
     with pytest.raises(
         UsageError, match=r"free on its disk, 1000000000000\.0 MB are needed, and .* keeps 1 MB"
     ):
-        refuse(path, 1e6, 1e18)
+        check_recordable(path, 1e6, 1e18)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_off(
     started: Started, tmp_path: Path
 ) -> None:
-    limits = Limits(duration=100_000_000)
+    limits = FileLimits(duration=100_000_000)
     sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
     put(sink, range(450))
     partial = tmp_path / "out_4.mcap.partial"

@@ -23,7 +23,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, mcap, messages
 from tests.bags.test_mcap_file import chunks
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages
 
 Row = tuple[str, int, bytes]
 """Topic, log time [ns] and bytes of a message"""
@@ -54,7 +54,7 @@ def test_a_cut_off_recording_is_whole_again(cut: Path, tmp_path: Path) -> None:
     assert cut.read_bytes() == before
     with closing(McapFile(output)) as file:
         assert file.faults == []
-    found = [tuple(message) for message in raw_inputs(output)]
+    found = [tuple(message) for message in raw_messages(output)]
     assert found == list(messages())[: len(found)]
     assert 20 < len(found) < 2 * TICKS
     assert [topic.messages for topic in recovery.topics] == [
@@ -94,7 +94,11 @@ def test_everything_else_stays_as_it_is(tmp_path: Path) -> None:
     assert [record.name for record in new["Metadata"]] == ["note", RECOVERED]
     assert new["Metadata"][0] == old["Metadata"][0]
     assert {record.compression for record in new["ChunkIndex"]} == {"lz4"}
-    assert (recovery.faults, recovery.unread, [topic.missing for topic in recovery.topics]) == (
+    assert (
+        recovery.faults,
+        recovery.unread_bytes,
+        [topic.missing for topic in recovery.topics],
+    ) == (
         [],
         0,
         [0, 0],
@@ -111,7 +115,7 @@ def test_the_missing_are_counted_where_the_statistics_are_left(
     path.write_bytes(data)
     assert main(["recover", str(path), str(tmp_path / "out.mcap")]) == 0
     said = capsys.readouterr().out
-    left = len(raw_inputs(tmp_path / "out.mcap"))
+    left = len(raw_messages(tmp_path / "out.mcap"))
     missing = [int(line.split()[-1]) for line in said.splitlines() if line.startswith(" /joint")]
     assert sum(missing) == 2 * TICKS - left > 0
     assert f"bytes {offset} to " in said
@@ -128,7 +132,7 @@ def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> Non
     recover(cut, output, overwrite=True)
     with pytest.raises(UsageError, match="is the input"):
         recover(output, output, overwrite=True)
-    assert raw_inputs(output)
+    assert raw_messages(output)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +201,7 @@ def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_pat
         advance=lambda _done, _total: output.write_text("old") and None,
         overwrite=True,
     )
-    assert raw_inputs(output)
+    assert raw_messages(output)
 
 
 Damage = Callable[[bytearray, list[int], int], object]
@@ -371,7 +375,7 @@ def test_whatever_is_damaged_as_much_comes_back_as_by_any_other_reader(
     )
     path.write_bytes(content)
     recovery = recover(path, tmp_path / "o" / "out.mcap")
-    found = {tuple(message) for message in raw_inputs(tmp_path / "o" / "out.mcap")}
+    found = {tuple(message) for message in raw_messages(tmp_path / "o" / "out.mcap")}
     ways = (
         read_by_mcap(path, NonSeekingReader),
         read_by_mcap(path, make_reader),

@@ -11,12 +11,8 @@ import pytest
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.recorder import (
-    AnswerWriter,
-    BagFile,
-    BagWriter,
-    Limits,
-)
+from knee_contact_ros.bags.mcap_writer import McapWriter
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter, FileLimits
 from knee_contact_ros.streams.topics import Ending
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import answer, recorded_ticks
@@ -27,13 +23,13 @@ TICK = 4
 """Messages of an answer"""
 
 
-def record(path: Path, numbers: range, limits: Limits, compressed: bool = True) -> None:
+def record(path: Path, numbers: range, limits: FileLimits, compressed: bool = True) -> None:
     """Record some answers."""
     with BagWriter(path, limits=limits, compressed=compressed) as bag:
         writer = AnswerWriter(bag, {})
         for number in numbers:
-            writer.write(answer(number).records)
-        writer.finish(Ending((), {"not_finite": 3}))
+            writer.write_answer(answer(number).records)
+        writer.write_ending(Ending((), {"not_finite": 3}))
 
 
 def information(folder: Path) -> Any:
@@ -59,7 +55,7 @@ def names(folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("first", ["knee.mcap", "knee_0.mcap"])
 def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
-    record(tmp_path / first, range(250), Limits(duration=100 * MS))
+    record(tmp_path / first, range(250), FileLimits(duration=100 * MS))
     files = [first, "knee_1.mcap", "knee_2.mcap"]
     assert names(tmp_path) == sorted([*files, "metadata.yaml"])
     spans = [range(100), range(100, 200), range(200, 250)]
@@ -87,7 +83,7 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
 
 
 def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
-    record(tmp_path / "knee_0.mcap", range(3000), Limits(size=200_000), compressed=False)
+    record(tmp_path / "knee_0.mcap", range(3000), FileLimits(size=200_000), compressed=False)
     files = information(tmp_path)["relative_file_paths"]
     assert len(files) > 3
     assert [n for name in files for n in stamps_of(tmp_path / name)[::TICK]] == list(range(3000))
@@ -99,7 +95,7 @@ def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
 
 
 def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
-    record(tmp_path / "knee.mcap", range(20), Limits(duration=MS))
+    record(tmp_path / "knee.mcap", range(20), FileLimits(duration=MS))
     before = getrlimit(RLIMIT_NOFILE)
     with (tmp_path / "knee.mcap").open() as file:  # it has the next number
         setrlimit(RLIMIT_NOFILE, (file.fileno() + 15, before[1]))
@@ -112,17 +108,17 @@ def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
 def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
-    goes_on, complete = threading.Event(), BagFile.complete
+    goes_on, complete = threading.Event(), McapWriter.complete
 
-    def slow(file: BagFile) -> None:
+    def slow(file: McapWriter) -> None:
         assert goes_on.wait(30.0)
         complete(file)
 
-    monkeypatch.setattr(BagFile, "complete", slow)
-    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    monkeypatch.setattr(McapWriter, "complete", slow)
+    bag = BagWriter(tmp_path / "knee.mcap", limits=FileLimits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(250):
-        writer.write(answer(number).records)
+        writer.write_answer(answer(number).records)
     bag.flush()
     assert names(tmp_path) == ["knee.mcap.partial", "knee_1.mcap.partial", "knee_2.mcap.partial"]
     goes_on.set()
@@ -132,20 +128,20 @@ def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(
 
 def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Path) -> None:
     folder = tmp_path / "bag"
-    bag = BagWriter(folder / "knee.mcap", limits=Limits(duration=100 * MS))
+    bag = BagWriter(folder / "knee.mcap", limits=FileLimits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(100):
-        writer.write(answer(number).records)
+        writer.write_answer(answer(number).records)
     moved = folder.rename(tmp_path / "moved")
     folder.write_text("a file where the folder was")
     with pytest.raises(UsageError, match=r"cannot write .*knee_1\.mcap"):
-        writer.write(answer(100).records)
+        writer.write_answer(answer(100).records)
     assert (moved / "knee.mcap.partial").stat().st_size > 5000
 
 
 def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
-    record(tmp_path / "first.mcap", range(250), Limits(duration=100 * MS))
+    record(tmp_path / "first.mcap", range(250), FileLimits(duration=100 * MS))
     before = information(tmp_path)
-    record(tmp_path / "second.mcap", range(250), Limits(duration=100 * MS))
+    record(tmp_path / "second.mcap", range(250), FileLimits(duration=100 * MS))
     assert information(tmp_path) == before
     assert (tmp_path / "second_2.mcap").exists()

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.columns import by_arrival
-from knee_contact_ros.bags.reader import SqliteFile
+from knee_contact_ros.bags.arrival import by_arrival
+from knee_contact_ros.bags.sqlite_file import SqliteFile
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import Message, messages, sqlite
 
@@ -23,14 +23,14 @@ def database(tmp_path: Path) -> Path:
 
 
 def rows(file: SqliteFile) -> list[tuple[int, int, bytes]]:
-    numbers = {number: number for number in file.connections}
+    numbers = {number: number for number in file.channels}
     return [row for batch in by_arrival([file], [numbers]) for row in batch]
 
 
 def read(path: Path) -> tuple[list[Message], list[str]]:
     with closing(SqliteFile(path)) as file:
-        found = [(file.connections[topic].topic, time, data) for topic, time, data in rows(file)]
-        assert file.counts.total() == len(found)
+        found = [(file.channels[topic].topic, time, data) for topic, time, data in rows(file)]
+        assert file.message_counts.total() == len(found)
         return found, file.faults
 
 

@@ -14,14 +14,10 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.bags.recorder import (
-    CHUNK_SIZE,
-    LIBRARY,
-    MESSAGE_HEAD,
-    BagWriter,
-    offered_qos,
-)
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, LIBRARY, MESSAGE_HEAD
+from knee_contact_ros.bags.metadata_file import offered_qos
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
@@ -99,7 +95,7 @@ def test_a_file_has_the_bytes_of_the_librarys_writer(
             elif isinstance(part, str):
                 bag.add_metadata(part, {"reason": "ü", "": ""})
             else:
-                bag.file.write_all(
+                bag.file.write_records(
                     [(topic, stamp, bytes(length)) for topic, stamp, length in part], NAMES
                 )
     write_by_library(folder / "library.mcap", folder / "out.mcap", parts, compressed)
@@ -144,7 +140,7 @@ def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_pat
     path = tmp_path / "rec.mcap"
     with BagWriter(path) as bag:
         bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
-        bag.write("/knee_contact", 1, MESSAGE)
+        bag.write_message("/knee_contact", 1, MESSAGE)
         path.write_text("another's")
     assert path.read_text() == "another's"
     assert bag.path == tmp_path / "rec_1.mcap"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters

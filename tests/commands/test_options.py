@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros import estimate_load as estimate_load_in_python
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import change_record, provenance_record
-from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.live import replay
 from knee_contact_ros.commands.main import main
@@ -23,8 +23,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES, RECORDED
-from tests.helpers.bags import write_rosbag2
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.needs import HAS_REPORT, needs_viewer
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
@@ -39,7 +38,7 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The recording has the node's names, and what it would have without all this."""
-    gait = raw_inputs(right_bag)[:100]
+    gait = raw_messages(right_bag)[:100]
     plain = write_rosbag2(tmp_path / "plain", gait)
     left = write_rosbag2(tmp_path / "left", gait, name=lambda topic: f"/left{topic}")
     damping = ["-p", "contact.damping:=900"]
@@ -201,7 +200,7 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
         writer.add_metadata("parameters_changed", change_record(10, {"person.tone": 0.5}))
         writer.add_metadata("parameters_changed", change_record(20, {"diagnostics.timeout": 2.0}))
         for message in walk():
-            writer.write(message.topic, message.log_time, message.data)
+            writer.write_message(message.topic, message.log_time, message.data)
     assert main(["estimate-load", str(bag), "--output", str(tmp_path / "again.mcap")]) == 0
     assert "parameters changed 1 times in it; those of its beginning are used" in " ".join(
         capsys.readouterr().err.split()

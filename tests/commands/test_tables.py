@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import solve
-from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.commands import tables
 from knee_contact_ros.commands.main import main

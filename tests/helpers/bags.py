@@ -11,8 +11,15 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
+from knee_contact_ros.bags.bag import INPUT_TYPES, Bag, RawMessage
 from knee_contact_ros.streams.topics import typestore
+
+
+def raw_messages(path: Path, types: Mapping[str, str] = INPUT_TYPES) -> list[RawMessage]:
+    """The messages of a bag on topics of these types, as their bytes."""
+    with Bag(path) as bag:
+        return list(bag.select(types).raw_messages())
+
 
 OTHER = {"/other/force": "geometry_msgs/msg/WrenchStamped", "/imu": "sensor_msgs/msg/Imu"}
 """Topics that no bag of a robot lacks, and that we do not read"""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +10,6 @@ from geometry_msgs.msg import Point, Vector3, Wrench, WrenchStamped
 from knee_contact_ros.msg import KneeContact
 from std_msgs.msg import Header
 
-from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.model.types import Contact
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, typestore
 from tests.helpers.answers import FIELDS
@@ -65,9 +63,3 @@ def wrench_message(types: Any, stamp: int, frame_id: str, contact: Contact) -> A
         }
     )
     return types.WrenchStamped(header=header(types, stamp, frame_id), wrench=wrench)
-
-
-def raw_inputs(path: Path) -> list[RawMessage]:
-    """A bag's inputs as their bytes."""
-    with BagReader(path) as bag:
-        return list(bag.raw_messages())

@@ -14,8 +14,8 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
 from knee_contact_ros.bags import recorder
-from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Settings
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, RecorderSettings
 from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
@@ -45,7 +45,7 @@ from tests.helpers.answers import contact
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 MODEL = ContactPipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
-SETTINGS = Settings(0.02)
+SETTINGS = RecorderSettings(0.02)
 
 
 class MayWait(NamedTuple):
@@ -134,7 +134,11 @@ class Started:
         self._log = SimpleNamespace(error=self.told.append, warning=self.remarks.append)
 
     def recorder(
-        self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: MayWait = QUEUE
+        self,
+        path: Path,
+        wait: bool = True,
+        settings: RecorderSettings = SETTINGS,
+        queue: MayWait = QUEUE,
     ) -> SinkProcess:
         """A recorder."""
         return self.begun(recording(path, settings), wait, queue)
@@ -166,7 +170,7 @@ class Started:
         return process
 
 
-def recording(path: Path, settings: Settings = SETTINGS) -> Sink:
+def recording(path: Path, settings: RecorderSettings = SETTINGS) -> Sink:
     """A recorder, as it describes itself, but for the settings."""
     arguments = path, {}, ABSOLUTE_NAMES, settings
     return Sink(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from pathlib import Path
 
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import (
     JointState,
@@ -71,5 +71,5 @@ def walking_bag(path: Path, messages: Iterable[RawMessage], prefix: str = "") ->
         for topic in LOAD_INPUTS:
             bag.add_topic(f"{prefix}/{topic}", MESSAGE_TYPES[topic])
         for message in messages:
-            bag.write(prefix + message.topic, message.log_time, message.data)
+            bag.write_message(prefix + message.topic, message.log_time, message.data)
     return path

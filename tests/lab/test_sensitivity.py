@@ -20,8 +20,7 @@ from knee_contact_ros.lab.sensitivity import SalibDesign, analyse, not_converged
 from knee_contact_ros.lab.sensitivity_study import SensitivityStudy
 from knee_contact_ros.lab.study_file import read_study
 from knee_contact_ros.system.files import share_folder
-from tests.helpers.bags import write_rosbag2
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages, write_rosbag2
 
 CUBE = {name: [-math.pi, math.pi] for name in ("a", "b", "c")}
 A, B = 7.0, 0.1
@@ -155,7 +154,7 @@ def scheduler() -> Iterator[str]:
 @pytest.fixture(scope="module")
 def short_bag(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
     """Three tenths of a second of the shipped gait, in stance."""
-    return write_rosbag2(tmp_path_factory.mktemp("bag") / "short", raw_inputs(right_bag)[60:90])
+    return write_rosbag2(tmp_path_factory.mktemp("bag") / "short", raw_messages(right_bag)[60:90])
 
 
 def asked(**sensitivity: Any) -> dict[str, Any]:

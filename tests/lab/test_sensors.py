@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.sweep import sweep
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
+from tests.helpers.bags import raw_messages
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
 from tests.lab.trials import MAP, SECONDS, cells, flexion, load, motion, write_csv
@@ -56,8 +56,7 @@ Importing = Callable[..., int]
 
 def content() -> tuple[list[Any], list[Any]]:
     """Angles and forces."""
-    with BagReader(Path("bag"), INPUT_TYPES) as reader:
-        messages = list(reader.raw_messages())
+    messages = raw_messages(Path("bag"))
     angles = [JOINT_STATE.decode(m.data)[0] for m in messages if m.topic == "/joint_states"]
     return angles, [
         WRENCH.decode(m.data)[0] for m in messages if m.topic == "/joint_reaction_force"
@@ -412,8 +411,7 @@ side: left
 """
     assert importing(table, text, files=("cells.csv", plate)) == 0
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
-    with BagReader(Path("bag"), types) as reader:
-        messages = list(reader.raw_messages())
+    messages = raw_messages(Path("bag"), types)
     grounds = [WRENCH.decode(m.data)[0] for m in messages if m.topic == "/ground_reaction_force"]
     states = [JOINT_STATE.decode(m.data)[0] for m in messages if m.topic == "/joint_states"]
     assert (len(grounds), len(states)) == (150, 151)

@@ -22,8 +22,7 @@ from knee_contact_ros.lab.uncertainty import (
 )
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from tests.helpers.bags import write_rosbag2
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.offline.test_solve import make_bag
 
 HEALTHY: dict[str, Any] = {}
@@ -143,7 +142,7 @@ def test_what_cannot_be_is_refused_in_a_line(
 @pytest.fixture(scope="module")
 def short_bag(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_rosbag2(
-        tmp_path_factory.mktemp("short") / "bag", raw_inputs(right_bag)[: 2 * SHORT]
+        tmp_path_factory.mktemp("short") / "bag", raw_messages(right_bag)[: 2 * SHORT]
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
+from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, FileLimits, RecorderSettings
 from knee_contact_ros.node.outputs import Outputs, Ring, sink_of, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
@@ -44,13 +44,16 @@ OFF = dict.fromkeys(("sync_period", "max_size", "max_duration", "min_free"), 0.0
                 "max_duration": 3.0,
                 "min_free": 7.0,
             },
-            Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0),
+            RecorderSettings(0.5, FileLimits(1_500_000, 3_000_000_000), 7_000_000, 2.0),
         ),
-        ({"flush_period": 0.5} | OFF, Settings(0.5, Limits(math.inf, math.inf), 0.0, 0.0)),
+        (
+            {"flush_period": 0.5} | OFF,
+            RecorderSettings(0.5, FileLimits(math.inf, math.inf), 0.0, 0.0),
+        ),
     ],
 )
 def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
-    tmp_path: Path, asked: dict[str, float], expected: Settings
+    tmp_path: Path, asked: dict[str, float], expected: RecorderSettings
 ) -> None:
     """What is 0 is off: without a limit."""
     path = str(tmp_path / "out.mcap")

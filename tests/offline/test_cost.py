@@ -15,7 +15,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.system.files import share_folder
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages
 
 BAG = share_folder() / "bags" / "gait2354_right"
 ALLOWED = 1.02
@@ -50,7 +50,7 @@ def test_a_live_sample_takes_no_more_calls() -> None:
     def on_event(_frame: object, event: str, _argument: object) -> None:
         calls[-1] += event in ("call", "c_call")
 
-    for message in raw_inputs(BAG):
+    for message in raw_messages(BAG):
         calls.append(0)
         take = stream.take_force if message.topic.endswith("force") else stream.take_joint_state
         sys.setprofile(on_event)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.bags.provenance import metadata_of, provenance_record, read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage, read_answers, read_bag
-from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
+from knee_contact_ros.bags.answers import read_answers, read_bag
+from knee_contact_ros.bags.bag import Bag, RawMessage
+from knee_contact_ros.bags.provenance import provenance_record, read_provenance
+from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, FileLimits
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
@@ -26,6 +27,7 @@ from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.bags import raw_messages
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
@@ -44,12 +46,12 @@ def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> 
 
 
 def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
-    with BagReader(path, types) as bag:
-        return list(bag.raw_messages())
+    return raw_messages(path, types)
 
 
 def metadata(path: Path) -> dict[str, dict[str, str]]:
-    return dict(metadata_of(path))
+    with Bag(path) as bag:
+        return dict(bag.metadata)
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +201,7 @@ def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None
     """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
     pipeline, folder = LoadPipeline(load_parameters({}, LoadParameters)), tmp_path / "parts"
     record = provenance_record(load_parameters({}, LoadParameters))
-    with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
+    with BagWriter(folder / "load.mcap", limits=FileLimits(duration=400 * MS)) as bag:
         writer = AnswerWriter(
             bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE
         )
@@ -207,8 +209,8 @@ def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None
             for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(
                 message.data
             ):
-                writer.write(answer.records)
-        writer.finish(pipeline.ending())
+                writer.write_answer(answer.records)
+        writer.write_ending(pipeline.ending())
     assert len(list(folder.glob("*.mcap"))) == 3
     assert read_provenance(folder) is None
     assert main(["solve", str(folder), "--output", str(tmp_path / "contact.mcap")]) == 0

@@ -11,7 +11,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros import Results, UsageError
-from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.estimate_load import ESTIMATE, estimate_load

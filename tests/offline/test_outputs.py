@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve

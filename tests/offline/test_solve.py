@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
@@ -40,8 +41,8 @@ def make_bag(
                 names, positions = (*names, "knee_height"), (*positions, heights[i])
             state = JointState(stamp, "tibia_r", names, positions, (), ())
             wrench = WrenchStamped(stamp, "tibia_r", (0.0, -force, 0.0), (0.0, 0.0, 0.0))
-            bag.write("/joint_states", stamp, encode_joint_state(state))
-            bag.write("/joint_reaction_force", stamp, encode_wrench_stamped(wrench))
+            bag.write_message("/joint_states", stamp, encode_joint_state(state))
+            bag.write_message("/joint_reaction_force", stamp, encode_wrench_stamped(wrench))
     return path
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import solve as solve_module
@@ -26,6 +26,7 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.bags import raw_messages
 
 MILLISECOND = 1_000_000
 Message = tuple[str, int, bytes]
@@ -65,7 +66,7 @@ def write(path: Path, messages: list[Message]) -> Path:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
         for number, (topic, _, data) in enumerate(messages):
-            bag.write(topic, number, data)  # log time is the order in which they came
+            bag.write_message(topic, number, data)  # log time is the order in which they came
     return path
 
 
@@ -151,10 +152,8 @@ def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that
             0,
             0,
         )
-        with BagReader(
-            output, INPUT_TYPES
-        ) as recorded:  # as they came, under the stamps they came with
-            assert [(m.topic, m.log_time, m.data) for m in recorded.raw_messages()] == messages
+        # As they came, under the stamps they came with.
+        assert [(m.topic, m.log_time, m.data) for m in raw_messages(output)] == messages
     first, other = (b"".join(kept.tobytes() for (kept,) in answers) for answers in rows)
     assert first == other
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.bags.provenance import metadata_of, read_provenance
-from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -21,7 +21,7 @@ from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
 from knee_contact_ros.streams.frames import FORCE_TURNED, TF_MESSAGE, TF_STATIC
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.bags import Mcap
+from tests.helpers.bags import Mcap, raw_messages
 
 STEP = 5_000_000
 STAMPS = [1_000_000_000 + i * STEP for i in range(60)]
@@ -129,8 +129,7 @@ FORCE = (
 
 
 def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
-    with BagReader(path, {f"/{topic}": MESSAGE_TYPES[topic]}) as reader:
-        return [one.data for one in reader.raw_messages()]
+    return [one.data for one in raw_messages(path, {f"/{topic}": MESSAGE_TYPES[topic]})]
 
 
 @pytest.fixture(scope="module")
@@ -254,7 +253,9 @@ def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_fr
         assert summary.refused == ({"frame_changed": 20} if name == "changes" else {})
     assert answers(made["sensor"]) == answers(made["tibia"])
     assert answers(made["changes"]) == answers(made["tibia"])[:40]
-    note = dict(metadata_of(made["sensor"]))[FORCE_TURNED]
+    with Bag(made["sensor"]) as bag:
+        note = bag.first_metadata(FORCE_TURNED)
+    assert note
     assert (note["from"], note["to"]) == ("sensor", "tibia")
     recorded = read_provenance(made["sensor"])
     assert recorded is not None

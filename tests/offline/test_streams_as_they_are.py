@@ -12,8 +12,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 import knee_contact_ros
+from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.bags.reader import BagReader, RawMessage, read_answers
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
@@ -28,8 +29,7 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES, typestore
-from tests.helpers.bags import Mcap, write_rosbag2
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import Mcap, raw_messages, write_rosbag2
 
 STEP = 5_000_000
 MOMENT = 600
@@ -38,7 +38,7 @@ MOMENT = 600
 
 @pytest.fixture(scope="module")
 def gait(right_bag: Path) -> list[RawMessage]:
-    return raw_inputs(right_bag)
+    return raw_messages(right_bag)
 
 
 def moved(message: RawMessage, by: int, log_by: int | None = None) -> RawMessage:
@@ -76,8 +76,8 @@ def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes
         with BagWriter(path) as bag:
             writer = AnswerWriter(bag, provenance_record(parameters, {}))
             for answer in answers:
-                writer.write(answer.records)
-            writer.finish(pipeline.ending())
+                writer.write_answer(answer.records)
+            writer.write_ending(pipeline.ending())
     return [
         data for answer in answers for topic, _, data in answer.records if topic == KNEE_CONTACT
     ]
@@ -94,8 +94,8 @@ def split(folder: Path, parts: Sequence[Sequence[RawMessage]]) -> Path:
 def solved(bag: Path, tmp_path: Path) -> list[bytes]:
     solve(bag, load_parameters({}), tmp_path / "out.mcap", overwrite=True, compiled=False)
     topic = f"/{KNEE_CONTACT}"
-    with BagReader(tmp_path / "out.mcap", {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
-        return [message.data for message in reader.raw_messages()]
+    messages = raw_messages(tmp_path / "out.mcap", {topic: MESSAGE_TYPES[KNEE_CONTACT]})
+    return [message.data for message in messages]
 
 
 FORMS = {

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from knee_contact_ros.bags.reader import read_answers, read_bag
+from knee_contact_ros.bags.answers import read_answers, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.model.types import Status

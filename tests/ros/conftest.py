@@ -29,10 +29,11 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.bags.reader import BagReader, RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.processes import DEATH_SIGNAL_PREFIX
 from knee_contact_ros.system.ros import make_executor, private_graph
+from tests.helpers.bags import raw_messages
 from tests.helpers.forked import COMMAND, Forked
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.processes import NO_BYTECODE
@@ -224,8 +225,7 @@ class Peer:
 
 def raw(path: Path, topics: Iterable[str]) -> list[RawMessage]:
     """The messages of some topics in a recording."""
-    with BagReader(path, {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics}) as bag:
-        return list(bag.raw_messages())
+    return raw_messages(path, {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics})
 
 
 def answers_in(path: Path) -> list[KneeContact]:

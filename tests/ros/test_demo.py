@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters

@@ -13,8 +13,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
@@ -146,12 +146,12 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
         for topic, kind in topics.items():
             writer.add_topic(topic, kind)
         for one in walk(20):
-            writer.write(
+            writer.write_message(
                 one.topic if one.topic != FORCE else "/joint_reaction_force",
                 one.log_time,
                 one.data,
             )
-        writer.write(TF_STATIC, 0, encode_transform(mounted, 0))
+        writer.write_message(TF_STATIC, 0, encode_transform(mounted, 0))
     told: list[Transform] = []
     peer.node.create_subscription(
         messages.TFMessage,

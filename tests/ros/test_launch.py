@@ -22,9 +22,10 @@ from typing import NamedTuple
 import psutil
 import pytest
 
-from knee_contact_ros.bags.reader import BagReader, absolute
+from knee_contact_ros.bags.names import absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
+from tests.helpers.bags import raw_messages
 from tests.ros.conftest import PATIENCE, STEP, Peer, Start
 
 pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
@@ -239,11 +240,10 @@ class Stream:
 
 def answers(path: Path, namespace: str = "") -> list[int]:
     """The stamps [ns] of the answers in a recording."""
-    topic = f"/{KNEE_CONTACT}"
-    with BagReader(
-        path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}, {topic: absolute(KNEE_CONTACT, namespace)}
-    ) as bag:
-        return [message.log_time for message in bag.raw_messages()]
+    name = absolute(KNEE_CONTACT, namespace)
+    return [
+        message.log_time for message in raw_messages(path, {name: MESSAGE_TYPES[KNEE_CONTACT]})
+    ]
 
 
 @pytest.mark.parametrize("name", CASES)

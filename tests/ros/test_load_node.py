@@ -15,8 +15,8 @@ from lifecycle_msgs.msg import State, Transition
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, metadata_of
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import Bag, RawMessage
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import estimate_load
@@ -200,7 +200,8 @@ def test_the_life_cycle_and_what_changes_meanwhile(
         for name, more in (("before", {}), ("after", {"person.tone": 0.6}))
     )
     assert leg.heard[ESTIMATE] == before[:40] + after[40:] == told(recording, ESTIMATE)
-    said = dict(metadata_of(recording))
+    with Bag(recording) as bag:
+        said = dict(bag.metadata)
     assert said[PARAMETERS_CHANGED] == {"tick": "40", "person.tone": "0.6"}
     assert (said[LOAD_PROVENANCE]["level"], said[REFUSED_SAMPLES]) == (
         "knee_moment",

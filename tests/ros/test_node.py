@@ -20,8 +20,8 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 import knee_contact_ros
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.model.compiler import stamp
 from knee_contact_ros.model.kernel import kept_files
 from knee_contact_ros.offline.solve import solve

@@ -15,8 +15,8 @@ import numpy as np
 import psutil
 import pytest
 
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
 from knee_contact_ros.node.outputs import MOST_ENDING
 from knee_contact_ros.offline.solve import solve

@@ -17,13 +17,12 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
+from knee_contact_ros.bags.bag import INPUT_TYPES, RawMessage
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros import one_line_ros_errors
-from tests.helpers.bags import write_rosbag2
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.terminals import Terminal
 from tests.ros.conftest import PATIENCE, Peer, own_words
 
@@ -74,7 +73,7 @@ def ear(peer: Peer) -> Ear:
 
 @pytest.fixture(scope="module")
 def gait(request: pytest.FixtureRequest) -> list[RawMessage]:
-    return raw_inputs(request.getfixturevalue("right_bag"))
+    return raw_messages(request.getfixturevalue("right_bag"))
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, UNUSABLE
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.streams.topics import NANOSECONDS

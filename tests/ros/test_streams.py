@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from knee_contact_ros import load_model
-from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.contact_node import encode_stride
 from knee_contact_ros.parameters.build import retuned

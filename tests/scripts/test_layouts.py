@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import knee_contact_ros
+from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import FLAT, ROW, Rows
 from knee_contact_ros.offline.solve import solve

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.streams.gait_events import (
     HEEL_STRIKE,
     LOAD_PEAK,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.reader import read_answers, read_bag
+from knee_contact_ros.bags.answers import read_answers, read_bag
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import MOVED, description

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from knee_contact_ros.msg import LoadEstimate
 from rclpy.serialization import deserialize_message
 
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters

@@ -19,7 +19,7 @@ from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
 from tests.helpers.answers import rows_of
-from tests.helpers.messages import raw_inputs
+from tests.helpers.bags import raw_messages
 
 WEIGHT = 737.068
 SHIPPED = [
@@ -31,7 +31,7 @@ SHIPPED = [
 
 
 def answers_of(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Iterator[Any]:
-    for topic, _, message in raw_inputs(bag)[:most]:
+    for topic, _, message in raw_messages(bag)[:most]:
         yield from (stream.joint_state if topic == "/joint_states" else stream.force)(message)
 
 

@@ -29,7 +29,6 @@ from knee_contact_ros.bags.provenance import (
     change_record,
     provenance_record,
 )
-from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
@@ -40,6 +39,7 @@ from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
 from knee_contact_ros.view.output import NOT_INSTALLED, open_output, require_viewer
 from knee_contact_ros.view.plots import CONTACT_POINT, DETAIL_PLOTS, KNEE_PLOTS, SOLVER_PLOTS
+from tests.helpers.bags import raw_messages
 from tests.helpers.processes import NO_BYTECODE, has_ended
 from tests.helpers.viewer import pixels_of, rendered, wait_for, window_of
 from tests.view.scenes import answers_of, column, entities, lists, texts_of
@@ -152,15 +152,12 @@ def test_namespaces_are_knees(
     """In what another recorder has of our answers under some names."""
     paths = [tmp_path / f"{name}.mcap" for name in files]
     for path in paths:
-        with (
-            BagWriter(path) as bag,
-            BagReader(osteoarthritic, {"/knee_contact": ANSWERS}) as reader,
-        ):
+        with BagWriter(path) as bag:
             for topic in topics:
                 bag.add_topic(topic, ANSWERS)
-            for message in reader.raw_messages():
+            for message in raw_messages(osteoarthritic, {"/knee_contact": ANSWERS}):
                 for topic in topics:
-                    bag.write(topic, message.log_time, message.data)
+                    bag.write_message(topic, message.log_time, message.data)
     arguments = ["--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]
     assert main(["view", *map(str, paths), *arguments]) == 0
     assert {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")} == roots
@@ -179,14 +176,14 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
         for answer in answers_of(stream, right_bag):
-            writer.write(answer.records)
+            writer.write_answer(answer.records)
             if stream.ticks == 100:
-                writer.note(
+                writer.write_note(
                     PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3})
                 )
             if stream.ticks == 200:
-                writer.note(RESET, {"tick": "200"})
-        writer.finish(stream.ending())
+                writer.write_note(RESET, {"tick": "200"})
+        writer.write_ending(stream.ending())
     path = tmp_path / "out.rrd"
     assert main(["view", str(tmp_path / "out.mcap"), "--save", str(path)]) == 0
     assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.reader import MAGICS, files_of, names_in_bag
+from knee_contact_ros.bags.folder import MAGICS, files_of
+from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.calibrate import problems
 from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, Problem, find_fit
 from knee_contact_ros.lab.calibrate.intervals import Interval, doubts, find_intervals

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.provenance import bag_digest
-from knee_contact_ros.bags.reader import BagReader, Names, others_beside
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.folder import bag_digest, others_beside
+from knee_contact_ros.bags.names import Names
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
@@ -384,15 +385,17 @@ def referenced(
     max_gap = round(parameters.pairing.max_gap * NANOSECONDS)
     for bag in bags:
         begin = len(samples)
-        summary = estimate_load(
-            bag,
-            parameters,
-            None,
-            advance,
-            names=names,
-            keep=lambda stream: samples.append(stream.sensed),
-        )
-        stamps, axial, refused = _reference(bag, topic)
+        with Bag(bag) as opened:
+            summary = estimate_load(
+                opened,
+                parameters,
+                None,
+                advance,
+                names=names,
+                keep=lambda stream: samples.append(stream.sensed),
+            )
+            stamps, axial, refused = _reference(opened, topic)
+            doubts += [*_own_estimate(opened, topic), *others_beside(bag)]
         at = summary.stamps
         later = at > np.maximum.accumulate(np.concatenate(([-1], at[:-1])))
         gaps = np.diff(stamps, prepend=stamps[0], append=stamps[-1])[np.searchsorted(stamps, at)]
@@ -412,7 +415,6 @@ def referenced(
                 f"bag {bag}: no sample can be fitted to the reference ({_counted(reasons)})"
             )
         left_out.update(reasons)
-        doubts += [*_own_estimate(bag, topic), *others_beside(bag)]
         if summary.damage:
             doubts.append(
                 f"bag {bag} is damaged, and read as far as it can be: {join_faults(summary.damage)}"
@@ -426,38 +428,37 @@ def referenced(
     )
 
 
-def _reference(bag: Path, topic: str) -> tuple[NDArray[np.int64], Floats, Counter[str]]:
+def _reference(bag: Bag, topic: str) -> tuple[NDArray[np.int64], Floats, Counter[str]]:
     """Read increasing stamps [ns] and axial forces [N] of the reference, and count refused samples by the reason."""
     try:
-        reader = BagReader(bag, {ROLE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, {ROLE: topic})
+        reader = bag.select({ROLE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, {ROLE: topic})
     except UsageError as error:
         raise UsageError(
             f"{error}; --remap {JOINT_REACTION_FORCE}:=TOPIC names a measured joint reaction"
         ) from None
     refused, kept = Counter[str](), dict[int, float]()
-    with reader:
-        for message in reader.raw_messages():
-            try:
-                sample = load_sample(WRENCH.read(message.data, JOINT_REACTION_FORCE)[0])
-            except RefusedSampleError as error:
-                refused[error.reason] += 1
-                continue
-            if kept and sample.stamp <= next(reversed(kept)):
-                refused["time_went_back"] += 1
-            else:
-                kept[sample.stamp] = sample.axial
+    for message in reader.raw_messages():
+        try:
+            sample = load_sample(WRENCH.read(message.data, JOINT_REACTION_FORCE)[0])
+        except RefusedSampleError as error:
+            refused[error.reason] += 1
+            continue
+        if kept and sample.stamp <= next(reversed(kept)):
+            refused["time_went_back"] += 1
+        else:
+            kept[sample.stamp] = sample.axial
     if not kept:
         raise UsageError(
-            f"bag {bag}: no message on {topic} can be a reference ({_counted(refused)})"
+            f"bag {bag.path}: no message on {topic} can be a reference ({_counted(refused)})"
         )
     return np.array(list(kept)), np.array(list(kept.values())), refused
 
 
-def _own_estimate(bag: Path, topic: str) -> list[str]:
+def _own_estimate(bag: Bag, topic: str) -> list[str]:
     """Report a reference that is likely our own estimate, as its bag also has a topic `load_estimate`."""
     estimate = topic.removesuffix(JOINT_REACTION_FORCE) + LOAD_ESTIMATE
     try:
-        BagReader(bag, {estimate: MESSAGE_TYPES[LOAD_ESTIMATE]}).close()
+        bag.select({estimate: MESSAGE_TYPES[LOAD_ESTIMATE]})
     except UsageError:
         return []
     return [

@@ -14,18 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
+from knee_contact_ros.bags.answers import answer_blocks, answer_topics
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.names import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.bags.provenance import (
     NOT_OF_THE_RESULT,
     Provenance,
     read_provenance,
     with_values,
-)
-from knee_contact_ros.bags.reader import (
-    OWN_NAMES,
-    Names,
-    answer_blocks,
-    answer_topics,
-    names_in_bag,
 )
 from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, Gathered
 from knee_contact_ros.lab.uncertainty import Propagated, propagated
@@ -39,7 +35,7 @@ from knee_contact_ros.offline.solve import (
     texts_of,
     weight_doubt,
 )
-from knee_contact_ros.offline.summary import read_refused
+from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
 from knee_contact_ros.parameters.schema import Parameters, constants_of
@@ -389,7 +385,8 @@ def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) 
     columns = {name: np.concatenate(several) for name, several in parts.items()}
     gathered = Gathered(columns, own.body_weight, doubts)
     try:
-        refused = read_refused(path)
+        with Bag(path) as bag:
+            refused = refused_samples(bag)
     except (OSError, ValueError):
         refused = Counter()
     return ReportRun(

@@ -81,11 +81,11 @@ def write_sensors(
         for place in range(count):
             joints, wrench = sensors(stamp := EPOCH + STEP * place, standing)
             if place not in without_angle:
-                writer.write(f"{namespace}{ANGLES}", stamp, encode_joint_state(joints))
-            writer.write(f"{namespace}{FORCE}", stamp, encode_wrench_stamped(wrench))
+                writer.write_message(f"{namespace}{ANGLES}", stamp, encode_joint_state(joints))
+            writer.write_message(f"{namespace}{FORCE}", stamp, encode_wrench_stamped(wrench))
         for stamp, axial in (reference or {}).items():
             wrench = WrenchStamped(stamp, "tibia", (0.0, -axial, 0.0), (0.0, 0.0, 0.0))
-            writer.write(f"{namespace}{topic}", stamp, encode_wrench_stamped(wrench))
+            writer.write_message(f"{namespace}{topic}", stamp, encode_wrench_stamped(wrench))
     return path
 
 

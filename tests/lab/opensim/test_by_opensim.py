@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import Files, child, read_knee

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters

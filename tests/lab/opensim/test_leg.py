@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.bags.answers import read_bag
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.opensim import leg

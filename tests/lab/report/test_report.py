@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import load_model
-from knee_contact_ros.bags.reader import BagReader, read_answers
+from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.figures import OF_MEDIAL, TOTAL
@@ -29,6 +29,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.view.picture import png_figure
+from tests.helpers.bags import raw_messages
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag
 
@@ -308,13 +309,13 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     types = {
         f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK if topic != KNEE_CONTACT_WRENCH
     }
-    with BagWriter(path) as bag, BagReader(recording, types) as reader:
+    with BagWriter(path) as bag:
         for side in ("left", "right"):
             for topic, name in types.items():
                 bag.add_topic(f"/{side}{topic}", name)
-        for message in reader.raw_messages():
+        for message in raw_messages(recording, types):
             for side in ("left", "right"):
-                bag.write(f"/{side}{message.topic}", message.log_time, message.data)
+                bag.write_message(f"/{side}{message.topic}", message.log_time, message.data)
     assert main(["report", str(path), "--compare", "healthy.yaml", "--output", str(out)]) == 0
     runs = runs_of(out / "peaks.csv")
     assert list(runs) == [

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.commands.player import Command, Lateness, Player, paced
 
 MILLISECOND = 1_000_000

@@ -1,0 +1,104 @@
+"""Decoded messages of a bag: the answers of a recording as arrays, and all messages of a short bag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from knee_contact_ros.bags.bag import Bag, damaged, opened_bag
+from knee_contact_ros.bags.names import absolute
+from knee_contact_ros.model.types import Rows
+from knee_contact_ros.streams.columns import decode_answers
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, deserialize
+from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.progress import OnProgress, no_progress
+
+BLOCK_SIZE = 8192
+"""Largest number of answers that are decoded at a time: 2 MB"""
+
+
+class BagMessage(NamedTuple):
+    """Decoded message of a bag."""
+
+    topic: str
+    """Absolute name of the topic in the node"""
+    log_time: int
+    """Log time [ns]"""
+    message: Any
+    """Message as `rosbags` deserializes it"""
+
+
+def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
+    """All messages of the topics with these types, decoded by the definitions in this package; for short bags.
+
+    Raises:
+        UsageError: The bag cannot be read, or a message cannot be decoded.
+    """
+    with Bag(path) as bag:
+        messages = bag.select(types).raw_messages()
+        try:
+            return [
+                BagMessage(topic, time, deserialize(data, topic[1:]))
+                for topic, time, data in messages
+            ]
+        except Exception as error:  # whatever broken bytes provoke in the decoder
+            raise damaged(path, error) from None
+
+
+def answer_topics(bag: Path | Bag) -> list[str]:
+    """Absolute names of the topics with answers in a bag, in alphabetical order.
+
+    Raises:
+        UsageError: There is no such bag, or nothing of it can be read.
+    """
+    with opened_bag(bag) as open_bag:
+        filled = [channel for channel, count in open_bag.message_counts.items() if count]
+    wanted = MESSAGE_TYPES[KNEE_CONTACT]
+    return sorted({absolute(each.topic) for each in filled if each.type == wanted})
+
+
+def answer_blocks(
+    bag: Path | Bag,
+    topic: str = f"/{KNEE_CONTACT}",
+    advance: OnProgress = no_progress,
+) -> Iterator[Rows]:
+    """Yield the answers of a recording in blocks, in the order of log time.
+
+    Args:
+        bag: Recording.
+        topic: Absolute name of the topic.
+        advance: Function that is called after each block with the numbers of answers read so far and in all.
+
+    Raises:
+        UsageError: There is no such recording or topic, it is damaged, or a message cannot be decoded.
+    """
+    with opened_bag(bag) as recording:
+        path = recording.path
+        reader = recording.select({topic: MESSAGE_TYPES[KNEE_CONTACT]})
+        if recording.damage:
+            raise UsageError(
+                f"{path} is damaged ({join_faults(recording.damage)}): repair it with knee-contact recover"
+            )
+        first, *others = {channel.definition for channel in reader.requested[topic]}
+        if others:
+            raise UsageError(
+                f"{path}: {topic} has several definitions of its messages: give its recordings one by one"
+            )
+        done = 0
+        for batch in reader.batches_of(BLOCK_SIZE):
+            try:
+                answers = decode_answers(batch.messages, first)
+            except Exception as error:  # whatever broken bytes and definitions provoke
+                reason = " ".join(str(error).split())
+                raise UsageError(f"{path}: an answer cannot be decoded: {reason}") from None
+            yield answers
+            done += len(answers)
+            advance(done, reader.message_count)
+
+
+def read_answers(bag: Path | Bag, topic: str = f"/{KNEE_CONTACT}") -> Rows:
+    """All answers of a recording in one array; see `answer_blocks`."""
+    return np.concatenate(list(answer_blocks(bag, topic)))
