@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.joint_reaction.compartments import LoadRule
