@@ -40,15 +40,14 @@ DEATH_SIGNAL = 1
 
 
 def forked(words: list[str], without: str, environment: dict[str, str], log: Path) -> None:
-    """In a process of its own: run the command, `without` a module; what it says goes to `log`."""
+    """In a process of its own: run the command, `without` modules; what it says goes to `log`."""
     descriptor = os.open(log, os.O_WRONLY)
     for stream in (1, 2):
         os.dup2(descriptor, stream)
     CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
     os.environ.clear()
     os.environ.update(environment)
-    if without:
-        sys.modules[without] = None  # type: ignore[assignment]
+    sys.modules.update(dict.fromkeys(without.split(","), None))  # type: ignore[arg-type]
     from knee_contact_ros.commands.main import main
 
     sys.exit(main(words))

@@ -76,8 +76,13 @@ def own_words(errors: str) -> str:
     )
 
 
-WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.commands.main import main; sys.exit(main())"
-"""A program: the command where a module is not installed"""
+WITHOUT = """
+import sys
+sys.modules.update(dict.fromkeys({0!r}.split(",")))
+from knee_contact_ros.commands.main import main
+sys.exit(main())
+"""
+"""A program: the command where modules are not installed"""
 
 
 class NodeProcess:
@@ -91,7 +96,7 @@ class NodeProcess:
         kind: str = "node",
         anew: bool = False,
     ) -> None:
-        """`largest_file` [B] makes the disk look full, `without` a module look absent; `kind` is the command.
+        """`largest_file` [B] makes the disk look full, `without` modules look absent; `kind` is the command.
 
         It is forked, unless it is to begin `anew`: modules may read environment variables when they are imported.
         """
@@ -138,6 +143,8 @@ class Peer:
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
+        self.reports = 0
+        """How many messages of `/diagnostics` have come"""
         self.told: set[str] = set()
         """All that `/diagnostics` has said, by any entry"""
         self.stalled: list[subprocess.Popen[str]] = []
@@ -156,10 +163,15 @@ class Peer:
 
     def on_diagnostics(self, message: DiagnosticArray) -> None:
         """Keep the newest values of every entry."""
+        self.reports += 1
         for status in message.status:
             self.diagnostics[status.name] = {value.key: value.value for value in status.values}
             self.problems[status.name] = status.message
             self.told.add(status.message)
+
+    def has_received(self, topic: str, number: int) -> bool:
+        """Whether the node says that so many samples of a topic have come."""
+        return self.diagnostics.get(f"knee_contact: {topic}", {}).get("received") == str(number)
 
     def wait_until(self, done: Callable[[], Any]) -> None:
         """Spin until something has happened."""

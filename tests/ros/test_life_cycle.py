@@ -26,11 +26,6 @@ from tests.ros.conftest import (
 MILLISECOND = 1_000_000
 
 
-def has_received(peer: Peer, topic: str, number: int) -> bool:
-    """Whether the node says that so many samples of a topic have come."""
-    return peer.diagnostics.get(f"knee_contact: {topic}", {}).get("received") == str(number)
-
-
 def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     node = start_node("-p", "autostart:=false", "-p", f"record.path:={tmp_path / 'first.mcap'}")
 
@@ -146,7 +141,7 @@ def test_forces_that_wait_are_answered_before_the_streams_are_left(
         peer.send(stamp, 0.2, 900.0)
         peer.wait_until(lambda: len(peer.contacts) == answered + 1)
         peer.send_force(stamp + 5 * MILLISECOND, 900.0)
-        peer.wait_until(lambda: has_received(peer, "joint_reaction_force", answered + 2))
+        peer.wait_until(lambda: peer.has_received("joint_reaction_force", answered + 2))
 
     leave_one_waiting(0)
     assert trigger(peer, "reset")[0]
