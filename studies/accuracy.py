@@ -19,7 +19,7 @@ from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
-from knee_contact_ros.model.mechanisms import hinge, table
+from knee_contact_ros.model.mechanisms import hinge, translation_table
 from knee_contact_ros.model.profiles import Circle
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import LEVELS
@@ -61,7 +61,7 @@ class Knee(NamedTuple):
 
 
 TURN = np.linspace(-math.pi, math.pi, 1501)
-FORWARDS = table(TURN, TRANSLATION * np.sin(TURN))
+FORWARDS = translation_table(TURN, TRANSLATION * np.sin(TURN))
 """Mechanism that carries the femur forwards by `TRANSLATION` x sin(angle); the spline is 5e-14 m off"""
 SMOOTH = SmoothFemur(closed_form=Ellipse(A, B).support)
 CIRCLE = Knee(ContactPair(Circle(A), Plane(0.0), hinge()), reference.ByDepth(reference.circle))

@@ -29,16 +29,14 @@ import numpy as np
 from knee_contact_ros.model.compiler import in_kernel
 from knee_contact_ros.model.types import Floats
 
-BEGIN, BASE, STIFFNESS, EXPONENT, DAMPING, LOSS, LEAST_SPEED, FORM = range(8)
-"""Columns of a law's array for the kernel, which are the fields of `Layer`"""
 APART = 0
 """Row of the kernel's array for surfaces that are apart, without force; the layers follow from row 1"""
 COMMON = 0.0
 """Form of the layers whose force is the common formula"""
-DEEPEST = 1e30
+_MAX_DEPTH = 1e30
 """Limit of depths [m], which prevents overflow; larger ones occur only in trial steps of an integrator"""
-SMALLEST = sys.float_info.min
-"""Divisor instead of 0, where the impact speed needs no floor"""
+_NO_FLOOR = sys.float_info.min
+"""Floor [m/s] under the impact speed where none is needed: not 0, as the speed is a divisor"""
 
 
 class Range(NamedTuple):
@@ -65,7 +63,7 @@ class Layer(NamedTuple):
     """C [N s/m]"""
     loss: float = 0.0
     """D; unless it is 0, the force depends on the impact speed"""
-    least_impact_speed: float = SMALLEST
+    least_impact_speed: float = _NO_FLOOR
     """Floor v_least [m/s] under the impact speed, > 0"""
     form: float = COMMON
     """Formula: `COMMON`, or the number of a separate function"""
@@ -77,6 +75,16 @@ class Layer(NamedTuple):
         return force_at(np.array([self]), 0, depth, rate, impact_speed)
 
 
+# Columns of a law's array for the kernel
+BEGIN = Layer._fields.index("begin")
+_BASE = Layer._fields.index("base")
+_STIFFNESS = Layer._fields.index("stiffness")
+_EXPONENT = Layer._fields.index("exponent")
+DAMPING = Layer._fields.index("damping")
+_LOSS = Layer._fields.index("loss")
+_LEAST_SPEED = Layer._fields.index("least_impact_speed")
+
+
 @in_kernel
 def force_at(
     law: Floats, layer: int, depth: float, rate: float, impact_speed: float
@@ -86,20 +94,25 @@ def force_at(
     `law` is `ContactLaw.rows`. Depth [m] and rate [m/s] are those of the penetration; `impact_speed` [m/s] is the
     rate at first touch, 0 for a contact that began at rest.
     """
-    over, elastic, slope = depth - float(law[layer, BEGIN]), 0.0, 0.0
-    damping, exponent = float(law[layer, DAMPING]), float(law[layer, EXPONENT])
-    if over > 0.0:
-        over = min(over, DEEPEST)
-        slope = float(law[layer, STIFFNESS]) * (
-            math.sqrt(over) if exponent == 1.5 else over ** (exponent - 1.0)
-        )
-        elastic, slope = slope * over, exponent * slope
-    loss = float(law[layer, LOSS])
+    depth_in_layer = depth - float(law[layer, BEGIN])
+    damping = float(law[layer, DAMPING])
+    elastic = 0.0
+    slope = 0.0
+    if depth_in_layer > 0.0:
+        exponent = float(law[layer, _EXPONENT])
+        depth_in_layer = min(depth_in_layer, _MAX_DEPTH)
+        # The usual exponent takes a square root, which is faster than a power.
+        root = exponent == 1.5
+        power = math.sqrt(depth_in_layer) if root else depth_in_layer ** (exponent - 1.0)
+        secant = float(law[layer, _STIFFNESS]) * power
+        elastic = secant * depth_in_layer
+        slope = exponent * secant
+    loss = float(law[layer, _LOSS])
     if loss != 0.0:
-        loss /= max(impact_speed, float(law[layer, LEAST_SPEED]))
+        loss /= max(impact_speed, float(law[layer, _LEAST_SPEED]))
         damping += elastic * loss
         slope *= 1.0 + loss * rate
-    return float(law[layer, BASE]) + elastic + damping * rate, slope, damping
+    return float(law[layer, _BASE]) + elastic + damping * rate, slope, damping
 
 
 @in_kernel
@@ -189,10 +202,9 @@ def two_layer_elastic(
 
     `stiffness` is K₁ and `stiffness_2` K₂ [N/mⁿ]. The stiffness jumps at h. The law has no damping.
     """
-    base = force_at(np.array([Layer(0.0, 0.0, stiffness, exponent)]), 0, layer_depth, 0.0, 0.0)[0]
-    return ContactLaw(
-        (Layer(0.0, 0.0, stiffness, exponent), Layer(layer_depth, base, stiffness_2, exponent))
-    )
+    cartilage = Layer(stiffness=stiffness, exponent=exponent)
+    base, _, _ = cartilage.force_at(layer_depth, 0.0)
+    return ContactLaw((cartilage, Layer(layer_depth, base, stiffness_2, exponent)))
 
 
 def two_layer_viscoelastic(
@@ -227,7 +239,10 @@ def _impact_damped(
     `least_impact_speed` [m/s] is a floor under v₀, and the v₀ of contacts that did not begin with an impact. Without it
     D/v₀ would grow without bound for soft touches, and make the knee almost rigid.
     """
-    return ContactLaw((Layer(0.0, 0.0, stiffness, exponent, 0.0, loss, least_impact_speed),))
+    layer = Layer(
+        stiffness=stiffness, exponent=exponent, loss=loss, least_impact_speed=least_impact_speed
+    )
+    return ContactLaw((layer,))
 
 
 def hunt_crossley(
@@ -260,9 +275,8 @@ def flores(
     Source: Flores, Machado, Silva & Martins 2011, doi:10.1007/s11044-010-9237-4. Impacts deliver e within 0.05 (0.470
     for e = 0.5), within 0.01 for e >= 0.83. `gonthier` is the better one for e below 0.6.
     """
-    return _impact_damped(
-        stiffness, exponent, 8.0 * (1.0 - restitution) / (5.0 * restitution), least_impact_speed
-    )
+    loss = 8.0 * (1.0 - restitution) / (5.0 * restitution)
+    return _impact_damped(stiffness, exponent, loss, least_impact_speed)
 
 
 def gonthier(
@@ -273,9 +287,8 @@ def gonthier(
     Source: Gonthier, McPhee, Lange & Piedbœuf 2004, doi:10.1023/B:MUBO.0000029392.21648.bc. Impacts deliver e within
     0.033 (0.488 for e = 0.5), exactly e where e nears 0, and a third too little loss where e nears 1.
     """
-    return _impact_damped(
-        stiffness, exponent, (1.0 - restitution**2) / restitution, least_impact_speed
-    )
+    loss = (1.0 - restitution**2) / restitution
+    return _impact_damped(stiffness, exponent, loss, least_impact_speed)
 
 
 def elastic_foundation(
@@ -299,14 +312,10 @@ def elastic_foundation(
     Raises:
         ValueError: see `relative_radius`.
     """
-    modulus = (
-        youngs_modulus
-        * (1.0 - poissons_ratio)
-        / ((1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio))
-    )
-    stiffness = (
-        math.pi * modulus / foundation_thickness * relative_radius(femoral_radius, tibial_radius)
-    )
+    bulging = (1.0 + poissons_ratio) * (1.0 - 2.0 * poissons_ratio)
+    modulus = youngs_modulus * (1.0 - poissons_ratio) / bulging
+    radius = relative_radius(femoral_radius, tibial_radius)
+    stiffness = math.pi * modulus / foundation_thickness * radius
     return ContactLaw((Layer(stiffness=stiffness, exponent=2.0),), foundation_thickness)
 
 
@@ -357,7 +366,7 @@ def hertz_stiffness(youngs_modulus: float, poissons_ratio: float, relative_radiu
     return 4.0 / 3.0 * plane_modulus * math.sqrt(relative_radius)
 
 
-TRIED = (1e-7, 1e-5, 1e-4, 1e-3)
+_CHECKED_DEPTHS = (1e-7, 1e-5, 1e-4, 1e-3)
 """Depths [m] beyond the beginning of a layer at which a law's own formula is checked"""
 
 
@@ -372,29 +381,37 @@ def check(law: ContactLaw) -> None:
         raise ValueError(
             f"contact law: the first layer must begin at 0 m and each next one deeper, got {begins}"
         )
+    before = 0.0
     for number, layer in enumerate(law.layers, start=1):
-        before = law.layers[number - 2].force_at(layer.begin, 0.0)[0] if number > 1 else 0.0
-        if layer.form != COMMON and abs(layer.force_at(layer.begin, 0.0)[0] - before) > 1e-9 * max(
-            1.0, abs(before)
-        ):
-            raise ValueError(
-                f"contact law: layer {number} does not begin with the force at which the layer before ends"
-            )
-        for beyond in TRIED if layer.form != COMMON else ():
-            depth, step = layer.begin + beyond, 1e-5 * beyond
-            (force, stiffness, damping), moving = (
-                layer.force_at(depth, 0.0),
-                layer.force_at(depth, 0.1)[0],
-            )
-            slope = (
-                layer.force_at(depth + step, 0.0)[0] - layer.force_at(depth - step, 0.0)[0]
-            ) / (2.0 * step)
-            true = abs(slope - stiffness) <= 1e-3 * (abs(stiffness) + abs(slope))
-            linear = abs(moving - force - 0.1 * damping) <= 1e-6 * (abs(force) + abs(moving))
-            if not (
-                true and linear and math.isfinite(moving) and stiffness >= 0.0 and damping >= 0.0
-            ):
+        begins_with = layer.force_at(layer.begin, 0.0)[0]
+        if layer.form != COMMON:
+            if abs(begins_with - before) > 1e-9 * max(1.0, abs(before)):
                 raise ValueError(
-                    f"contact law: layer {number} is not finite, has wrong or negative slopes ({stiffness:g} N/m where "
-                    f"the force has {slope:g}, {damping:g} N s/m), or is not linear in the rate, at {depth:g} m"
+                    f"contact law: layer {number} does not begin with the force at which the layer before ends"
                 )
+            for beyond in _CHECKED_DEPTHS:
+                _check_slopes(layer, number, beyond)
+        if number < len(law.layers):
+            before = layer.force_at(law.layers[number].begin, 0.0)[0]
+
+
+def _check_slopes(layer: Layer, number: int, beyond: float) -> None:
+    """Check the formula of a law's layer at a depth [m] beyond its beginning: slopes, and linear in the rate.
+
+    Raises:
+        ValueError: as `check`.
+    """
+    depth = layer.begin + beyond
+    step = 1e-5 * beyond
+    force, stiffness, damping = layer.force_at(depth, 0.0)
+    moving = layer.force_at(depth, 0.1)[0]
+    ahead = layer.force_at(depth + step, 0.0)[0]
+    behind = layer.force_at(depth - step, 0.0)[0]
+    slope = (ahead - behind) / (2.0 * step)
+    true = abs(slope - stiffness) <= 1e-3 * (abs(stiffness) + abs(slope))
+    linear = abs(moving - force - 0.1 * damping) <= 1e-6 * (abs(force) + abs(moving))
+    if not (true and linear and math.isfinite(moving) and stiffness >= 0.0 and damping >= 0.0):
+        raise ValueError(
+            f"contact law: layer {number} is not finite, has wrong or negative slopes ({stiffness:g} N/m where "
+            f"the force has {slope:g}, {damping:g} N s/m), or is not linear in the rate, at {depth:g} m"
+        )

@@ -23,18 +23,25 @@ from numpy.typing import ArrayLike
 from knee_contact_ros.model.compiler import inlined
 from knee_contact_ros.model.types import Floats
 
-LARGEST = 0.1
-"""Largest translation [m]: a larger one exceeds a tibial plateau, and is most likely in mm."""
-START, STOP, STEP = -0.3, 1.75, 0.025
-"""Range of flexion [rad] in which the parallel mechanism is solved (-17 to 100 deg), and largest step of the grid"""
-CLOSED, ITERATIONS = 1e-14, 25
-"""Largest error [m] of a closed mechanism, about a hundred rounding errors of 0.1 m; largest number of Newton steps"""
+MIN_SOLVED_FLEXION = -0.3
+"""Smallest flexion [rad] at which the parallel mechanism is solved (-17 deg)"""
+MAX_SOLVED_FLEXION = 1.75
+"""Largest flexion [rad] at which the parallel mechanism is solved (100 deg): it jams at 109 deg"""
+_MAX_TRANSLATION = 0.1
+"""Largest translation [m]: a larger one exceeds a tibial plateau, and is most likely in mm"""
+GRID_STEP = 0.025
+"""Largest step [rad] of the angles at which the parallel mechanism is solved"""
+_CLOSED_ERROR = 1e-14
+"""Largest error [m] of a closed mechanism, about a hundred rounding errors of 0.1 m"""
+_MAX_NEWTON_STEPS = 25
+"""Number of Newton's steps after which the mechanism cannot be closed"""
 
 
 @inlined
 def translation(pieces: Floats, angle: float) -> tuple[float, float]:
     """Return x [m] and dx/dangle [m/rad] at a flexion angle [rad]; `pieces` as in `Mechanism`."""
-    i, end = 0, len(pieces) - 1
+    i = 0
+    end = len(pieces) - 1
     while i < end:
         middle = (i + end) // 2
         if angle < pieces[middle + 1, 0]:
@@ -67,16 +74,16 @@ class Mechanism:
     @property
     def largest_slope(self) -> float:
         """Upper bound of |dx/dangle| [m/rad] over all angles: a slope lies in the hull of its Bézier points."""
-        (_, _, c1, c2, c3), width = self.pieces.T, self._widths
-        return float(
-            np.abs([c1, c1 + c2 * width, c1 + width * (2.0 * c2 + 3.0 * c3 * width)]).max()
-        )
+        _, _, c1, c2, c3 = self.pieces.T
+        width = self._widths
+        points = [c1, c1 + c2 * width, c1 + width * (2.0 * c2 + 3.0 * c3 * width)]
+        return float(np.abs(points).max())
 
     @property
     def largest_bend(self) -> float:
         """Upper bound of |d²x/dangle²| [m/rad²] over all angles."""
-        (_, _, _, c2, c3), width = self.pieces.T, self._widths
-        return float(np.abs([2.0 * c2, 2.0 * c2 + 6.0 * c3 * width]).max())
+        _, _, _, c2, c3 = self.pieces.T
+        return float(np.abs([2.0 * c2, 2.0 * c2 + 6.0 * c3 * self._widths]).max())
 
     @property
     def _widths(self) -> Floats:
@@ -88,7 +95,7 @@ def hinge(x: float = 0.0) -> Mechanism:
     return Mechanism("hinge", np.array([[0.0, x, 0.0, 0.0, 0.0]]))
 
 
-def table(angle: ArrayLike, x: ArrayLike, name: str = "table") -> Mechanism:
+def translation_table(angle: ArrayLike, x: ArrayLike, name: str = "table") -> Mechanism:
     """Return the natural cubic spline through flexion angles [rad] and translations `x` [m], anterior positive.
 
     A natural spline has no curvature at its ends, so the straight continuation joins it smoothly.
@@ -107,56 +114,62 @@ def table(angle: ArrayLike, x: ArrayLike, name: str = "table") -> Mechanism:
     width = np.diff(angle)
     if not (width > 0.0).all():
         raise ValueError("the angles of a translation table must increase strictly")
-    if (np.abs(x) > LARGEST).any():
-        raise ValueError(f"a translation is beyond {LARGEST} m: are the numbers in metres?")
-    chord, bends = np.diff(x) / width, np.zeros(angle.size)  # second derivatives, 0 at both ends
-    inner = (
-        np.diag(2.0 * (width[:-1] + width[1:]))
-        + np.diag(width[1:-1], 1)
-        + np.diag(width[1:-1], -1)
-    )
-    bends[1:-1] = np.linalg.solve(inner, 6.0 * np.diff(chord))
+    if (np.abs(x) > _MAX_TRANSLATION).any():
+        raise ValueError(
+            f"a translation is beyond {_MAX_TRANSLATION} m: are the numbers in metres?"
+        )
+    chord = np.diff(x) / width
+    off_diagonal = width[1:-1]
+    matrix = np.diag(2.0 * (width[:-1] + width[1:]))
+    matrix = matrix + np.diag(off_diagonal, 1) + np.diag(off_diagonal, -1)
+    bends = np.zeros(angle.size)  # second derivatives, 0 at both ends
+    bends[1:-1] = np.linalg.solve(matrix, 6.0 * np.diff(chord))
     left, right = bends[:-1], bends[1:]
     slope = chord - width * (2.0 * left + right) / 6.0
     last_slope = chord[-1] + width[-1] * left[-1] / 6.0
-    cubics = np.column_stack(
-        [angle[:-1], x[:-1], slope, left / 2.0, (right - left) / (6.0 * width)]
+    cubic = (right - left) / (6.0 * width)
+    return Mechanism(
+        name,
+        np.vstack(
+            [
+                [angle[0], x[0], slope[0], 0.0, 0.0],
+                np.column_stack([angle[:-1], x[:-1], slope, left / 2.0, cubic]),
+                [angle[-1], x[-1], last_slope, 0.0, 0.0],
+            ]
+        ),
     )
-    ends = np.array(
-        [[angle[0], x[0], slope[0], 0.0, 0.0], [angle[-1], x[-1], last_slope, 0.0, 0.0]]
-    )
-    return Mechanism(name, np.concatenate([ends[:1], cubics, ends[1:]]))
 
 
-SPHERES: Floats = np.array(
+SPHERE_CENTRES: Floats = np.array(
     [(0.0002458, 0.0034071, -0.0232019), (-0.0032853, 0.0021225, 0.0262054)]
 )
 """Centres of the medial and of the lateral sphere in the femur frame [m]"""
-PLANES: Floats = np.array(
+PLANE_POINTS: Floats = np.array(
     [(-0.0021344, -0.0286241, -0.0191308), (-0.0027946, -0.0260861, 0.0243679)]
 )
 """A point of the plane that each of them touches, in the tibia frame [m]"""
-NORMALS: Floats = np.array([(0.0675, 0.9896, -0.1273), (-0.0881, 0.9942, 0.0617)])
+PLANE_NORMALS: Floats = np.array([(0.0675, 0.9896, -0.1273), (-0.0881, 0.9942, 0.0617)])
 """Normals of the planes towards the spheres, in the tibia frame; of any length"""
-ON_FEMUR: Floats = np.array(
+FEMORAL_ATTACHMENTS: Floats = np.array(
     [
         (-0.0067712, 0.0075255, 0.0091575),
         (-0.0026610, -0.0010906, -0.0021857),
         (0.0027608, 0.0057798, -0.0476279),
     ]
 )
-ON_TIBIA: Floats = np.array(
+"""Attachments of the fibres in the femur frame [m]: anterior cruciate, posterior cruciate, medial collateral"""
+TIBIAL_ATTACHMENTS: Floats = np.array(
     [
         (0.0127709, -0.0261454, -0.0000617),
         (-0.0258519, -0.0381449, -0.0035210),
         (0.0021345, -0.1171068, -0.0057872),
     ]
 )
-"""Attachments of the fibres in both frames [m]: anterior cruciate, posterior cruciate, medial collateral"""
-DISTANCES: Floats = np.array([0.03232, 0.02834, 0.04053, 0.04326, 0.12970])
+"""Attachments of the same fibres in the tibia frame [m]"""
+MECHANISM_LENGTHS: Floats = np.array([0.03232, 0.02834, 0.04053, 0.04326, 0.12970])
 """Radii of the spheres and lengths of the fibres [m]
 
-All numbers from `SPHERES` on, radii and lengths included, are those of a right knee by Sancisi, Gasparutto,
+All numbers from `SPHERE_CENTRES` on, radii and lengths included, are those of a right knee by Sancisi, Gasparutto,
 Parenti-Castelli & Dumas 2017 (doi:10.1007/s11012-016-0532-x), used before in Gasparutto et al. 2015 (J Biomech
 48:1141-1146). None was adjusted. With the two frames parallel the fibres would be 40.01, 43.73 and 129.82 mm long, so
 the closed mechanism stands 3.1 deg internally rotated at full extension. It jams at 109 deg of flexion.
@@ -165,9 +178,9 @@ the closed mechanism stands 3.1 deg internally rotated at full extension. It jam
 
 def rotation(flexion: float, abduction: float, internal_rotation: float) -> Floats:
     """Return R, shape (3, 3), which rotates directions from the femur frame to the tibia frame, from angles [rad]."""
-    (sf, cf), (sa, ca), (si, ci) = (
-        (math.sin(a), math.cos(a)) for a in (flexion, abduction, internal_rotation)
-    )
+    sf, cf = math.sin(flexion), math.cos(flexion)
+    sa, ca = math.sin(abduction), math.cos(abduction)
+    si, ci = math.sin(internal_rotation), math.cos(internal_rotation)
     return np.array(
         [
             [ci * cf - si * sa * sf, -ci * sf - si * sa * cf, -si * ca],
@@ -178,38 +191,43 @@ def rotation(flexion: float, abduction: float, internal_rotation: float) -> Floa
 
 
 def parallel_mechanism() -> Mechanism:
-    """Return the translation of the medial sphere's centre, 0 at full extension, from `START` to `STOP`."""
+    """Return the translation of the medial sphere's centre, 0 at full extension."""
     angles, poses = passive_motion()
     turned = [
-        rotation(angle, *pose[3:])[0] @ SPHERES[0]
+        rotation(angle, *pose[3:])[0] @ SPHERE_CENTRES[0]
         for angle, pose in zip(angles.tolist(), poses, strict=True)
     ]
     x = poses[:, 0] + turned
-    return table(angles, x - x[angles == 0.0][0], "parallel mechanism")
+    return translation_table(angles, x - x[angles == 0.0][0], "parallel mechanism")
 
 
 def passive_motion() -> tuple[Floats, Floats]:
-    """Solve the parallel mechanism from full extension to `START` and to `STOP`, each pose from the two before it.
+    """Solve the parallel mechanism from full extension to both ends of its range, each pose from the two before it.
 
     Returns flexion angles [rad], shape (n,), and poses of the femur, shape (n, 5): x, y, z [m], abduction and internal
     rotation of the tibia [rad].
     """
-    extension = closed(0.0, np.zeros(5))
+    extension = closed_pose(0.0, np.zeros(5))
     motion = {0.0: extension}
-    for end in (START, STOP):
+    for end in (MIN_SOLVED_FLEXION, MAX_SOLVED_FLEXION):
         last = before = extension
-        for angle in np.linspace(0.0, end, 1 + math.ceil(abs(end) / STEP))[1:].tolist():
-            before, last = last, closed(angle, 2.0 * last - before)
-            motion[angle] = last
+        for angle in np.linspace(0.0, end, 1 + math.ceil(abs(end) / GRID_STEP))[1:].tolist():
+            pose = closed_pose(angle, 2.0 * last - before)
+            before = last
+            last = motion[angle] = pose
     angles = sorted(motion)
     return np.array(angles), np.array([motion[angle] for angle in angles])
 
 
-def closed(flexion: float, pose: Floats) -> Floats:
-    """Return the pose, shape (5,), that fulfils the five equations at a flexion angle [rad], by Newton's method."""
-    for _ in range(ITERATIONS):
+def closed_pose(flexion: float, pose: Floats) -> Floats:
+    """Return the pose, shape (5,), that fulfils the five equations at a flexion angle [rad], by Newton's method.
+
+    Raises:
+        ValueError: there is no such pose near the given one.
+    """
+    for _ in range(_MAX_NEWTON_STEPS):
         errors, jacobian = linearised(flexion, pose)
-        if np.abs(errors).max() < CLOSED:
+        if np.abs(errors).max() < _CLOSED_ERROR:
             return pose
         pose = pose - np.linalg.solve(jacobian, errors)
     raise ValueError(
@@ -224,22 +242,24 @@ def linearised(flexion: float, pose: Floats) -> tuple[Floats, Floats]:
     abduction and of internal rotation.
     """
     abduction, internal_rotation = pose[3:].tolist()
-    arms = np.concatenate([SPHERES, ON_FEMUR]) @ rotation(flexion, abduction, internal_rotation).T
-    gaps = arms + pose[:3] - np.concatenate([PLANES, ON_TIBIA])
-    lines = gaps / np.sqrt((gaps * gaps).sum(axis=1))[:, None]  # a fibre pulls along itself
-    lines[:2] = (
-        NORMALS / np.linalg.norm(NORMALS, axis=1)[:, None]
-    )  # a contact pushes along its normal
+    arms = (
+        np.concatenate([SPHERE_CENTRES, FEMORAL_ATTACHMENTS])
+        @ rotation(flexion, abduction, internal_rotation).T
+    )
+    gaps = arms + pose[:3] - np.concatenate([PLANE_POINTS, TIBIAL_ATTACHMENTS])
+    # A fibre pulls along itself, a contact pushes along its normal.
+    lines = gaps / np.sqrt((gaps * gaps).sum(axis=1))[:, None]
+    lines[:2] = PLANE_NORMALS / np.linalg.norm(PLANE_NORMALS, axis=1)[:, None]
     moments = arms[:, [1, 2, 0]] * lines[:, [2, 0, 1]] - arms[:, [2, 0, 1]] * lines[:, [1, 2, 0]]
     abduction_axis = (math.cos(internal_rotation), 0.0, math.sin(internal_rotation))
     jacobian = np.column_stack([lines, moments @ abduction_axis, -moments[:, 1]])
-    return (lines * gaps).sum(axis=1) - DISTANCES, jacobian
+    return (lines * gaps).sum(axis=1) - MECHANISM_LENGTHS, jacobian
 
 
 MECHANISMS: dict[str, Callable[..., Mechanism]] = {
     "hinge": hinge,
     "ball_and_socket": hinge,
     "parallel_mechanism": parallel_mechanism,
-    "table": table,
+    "table": translation_table,
 }
 """Mechanisms by the names that the parameter `translation.mechanism` uses"""

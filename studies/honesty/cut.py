@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.knee import KneeModel, Stream
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.mechanisms import hinge, table
+from knee_contact_ros.model.mechanisms import hinge, translation_table
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau, TibialSurface
 from knee_contact_ros.model.ticks import QUASI_STATIC
@@ -64,7 +64,7 @@ def pair(name: str, moves: bool) -> ContactPair:
     tibiae: dict[str, TibialSurface] = {"plane": Plane(), "slope": Plane(-0.1), "cup": Cup(0.095)}
     if tibia == "plateau":
         tibiae[tibia] = Plateau(*read_points(CONFIG / "tibia_medial.csv"))
-    mechanism = table([0.0, 1.0], [0.0, 0.012]) if moves else hinge()
+    mechanism = translation_table([0.0, 1.0], [0.0, 0.012]) if moves else hinge()
     return ContactPair(
         Circle(0.034) if femur == "circle" else Profile(*points), tibiae[tibia], mechanism
     )

@@ -12,7 +12,7 @@ import numpy as np
 from knee_contact_ros.model import ticks
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.mechanisms import table
+from knee_contact_ros.model.mechanisms import translation_table
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
 from knee_contact_ros.model.types import Contact, blank_answers
@@ -22,10 +22,10 @@ Series = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Time [s], flexion angle [rad], load [N]"""
 ROUNDING = 1e-15
 """[m]: a few roundings of heights of 34 mm (7e-18 m each), with room"""
-HINGE = table([0.0, 1.0], [0.0, 0.0], "hinge")
-FORWARDS = table([0.0, 1.0], [0.0, 0.012])
+HINGE = translation_table([0.0, 1.0], [0.0, 0.0], "hinge")
+FORWARDS = translation_table([0.0, 1.0], [0.0, 0.012])
 """12 mm/rad, straight on beyond"""
-TO_AND_FRO = table([0.0, 0.5, 1.0], [0.0, 0.01, -0.01])
+TO_AND_FRO = translation_table([0.0, 0.5, 1.0], [0.0, 0.01, -0.01])
 
 
 @cache

@@ -10,10 +10,21 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.model import mechanisms
-from knee_contact_ros.model.mechanisms import START, STOP, hinge, parallel_mechanism, table
+from knee_contact_ros.model.mechanisms import (
+    MAX_SOLVED_FLEXION,
+    MIN_SOLVED_FLEXION,
+    hinge,
+    parallel_mechanism,
+    translation_table,
+)
 
 KNOTS, VALUES = [-0.2, 0.0, 0.3, 0.5, 1.1, 1.9], [0.001, 0.0, 0.004, 0.0055, 0.003, -0.006]
-MANY = [hinge(0.003), table(KNOTS, VALUES), table([0.0, 1.0], [0.0, 0.01]), parallel_mechanism()]
+MANY = [
+    hinge(0.003),
+    translation_table(KNOTS, VALUES),
+    translation_table([0.0, 1.0], [0.0, 0.01]),
+    parallel_mechanism(),
+]
 
 
 @pytest.mark.parametrize("mechanism", MANY, ids=str)
@@ -36,7 +47,7 @@ def test_slope_and_bounds(mechanism: mechanisms.Mechanism) -> None:
 @pytest.mark.parametrize("points", [2, 3, 4, 6])
 def test_a_table_is_the_natural_spline_and_goes_on_straight(points: int) -> None:
     angles, x = KNOTS[:points], VALUES[:points]
-    made, spline = table(angles, x), CubicSpline(angles, x, bc_type="natural")
+    made, spline = translation_table(angles, x), CubicSpline(angles, x, bc_type="natural")
     for angle in np.linspace(-1.0, 3.0, 401).tolist():
         inside = min(max(angle, angles[0]), angles[-1])
         slope = float(spline(inside, 1))
@@ -61,29 +72,32 @@ def test_a_table_is_the_natural_spline_and_goes_on_straight(points: int) -> None
 )
 def test_what_is_no_table_is_refused(angle: list[float], x: list[float], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
-        table(angle, x)
+        translation_table(angle, x)
 
 
 def test_the_parallel_mechanism_stays_closed() -> None:
     made = parallel_mechanism()
     angles, poses = mechanisms.passive_motion()
-    assert (angles[0], angles[-1]) == (START, STOP)
-    assert np.diff(angles).max() <= mechanisms.STEP + 1e-12
+    assert (angles[0], angles[-1]) == (MIN_SOLVED_FLEXION, MAX_SOLVED_FLEXION)
+    assert np.diff(angles).max() <= mechanisms.GRID_STEP + 1e-12
     x0 = made.translation(0.0)[0]
     assert x0 == pytest.approx(0.0, abs=1e-17)
     centres = []
     for angle, pose in zip(angles.tolist(), poses, strict=True):
         turn = Rotation.from_euler("YXZ", [-pose[4], pose[3], angle])  # instead of our matrix
-        normals = mechanisms.NORMALS / np.sqrt((mechanisms.NORMALS**2).sum(axis=1))[:, None]
-        above = ((turn.apply(mechanisms.SPHERES) + pose[:3] - mechanisms.PLANES) * normals).sum(
-            axis=1
+        normals = (
+            mechanisms.PLANE_NORMALS / np.sqrt((mechanisms.PLANE_NORMALS**2).sum(axis=1))[:, None]
         )
+        above = (
+            (turn.apply(mechanisms.SPHERE_CENTRES) + pose[:3] - mechanisms.PLANE_POINTS) * normals
+        ).sum(axis=1)
         lengths = np.hypot.reduce(
-            turn.apply(mechanisms.ON_FEMUR) + pose[:3] - mechanisms.ON_TIBIA, axis=1
+            turn.apply(mechanisms.FEMORAL_ATTACHMENTS) + pose[:3] - mechanisms.TIBIAL_ATTACHMENTS,
+            axis=1,
         )
         # 1e-14 m in the solver, rounding here
-        assert [*above, *lengths] == pytest.approx(mechanisms.DISTANCES, abs=1e-13)
-        centres.append(turn.apply(mechanisms.SPHERES[0])[0] + pose[0])
+        assert [*above, *lengths] == pytest.approx(mechanisms.MECHANISM_LENGTHS, abs=1e-13)
+        centres.append(turn.apply(mechanisms.SPHERE_CENTRES[0])[0] + pose[0])
     assert [made.translation(angle)[0] for angle in angles] == pytest.approx(
         centres - np.interp(0, angles, centres)
     )
