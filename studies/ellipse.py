@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.model.profiles import (
+    CELL_CHECKS,
+    CELL_NODES,
     CELLS,
     DEGREE,
-    NODES,
     NOTHING,
     NOWHERE,
-    TRIED,
     Circle,
     KernelTable,
     cell_polynomials,
@@ -82,12 +82,12 @@ class SmoothFemur(Circle):
                 CELLS, -1, 2
             )
 
-        tried = values(TRIED)
+        tried = values(CELL_CHECKS)
         cells, error = cell_polynomials(
-            values(np.zeros(1))[:, 0, 0], values(NODES)[..., 1], tried[..., 1]
+            values(np.zeros(1))[:, 0, 0], values(CELL_NODES)[..., 1], tried[..., 1]
         )
         wrong = np.abs(
-            cells @ np.vander(TRIED, DEGREE + 1, increasing=True).T - tried[..., 0]
+            cells @ np.vander(CELL_CHECKS, DEGREE + 1, increasing=True).T - tried[..., 0]
         ).max()
         if not max(error.max(), wrong) <= CLOSE_ENOUGH:
             raise ValueError(

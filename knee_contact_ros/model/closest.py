@@ -69,7 +69,8 @@ class Closest(NamedTuple):
 
     def point(self, x: float, height: float) -> tuple[float, float]:
         """Return the contact point on the tibia [m], for the femoral reference point at (x, height) [m]."""
-        along, across = -self.turning, self.depth - self.extent
+        along = -self.turning
+        across = self.depth - self.extent
         return (
             x + along * self.normal_y + across * self.normal_x,
             height - along * self.normal_x + across * self.normal_y,
@@ -139,13 +140,51 @@ def closest(
     """
     if surfaces.kind != ON_PLANE:
         return common_normal(surfaces, angle, x, height)
-    sine, cosine, h, turning = surfaces.sine, surfaces.cosine, surfaces.femoral_radius, 0.0
+    h = surfaces.femoral_radius
+    turning = 0.0
     if h == 0.0:
         turned = angle - surfaces.slope
         h, turning = support_at(
             surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned
         )
-    return h + x * sine - cosine * height, h, turning, -sine, cosine
+    depth = h + x * surfaces.sine - surfaces.cosine * height
+    return depth, h, turning, -surfaces.sine, surfaces.cosine
+
+
+@in_kernel
+def normal_in_cup(
+    surfaces: Surfaces, x: float, height: float
+) -> tuple[float, float, float, float, float]:
+    """Return the fields of `Closest` for a circle in a cup.
+
+    The circle's deepest point is in the direction of its centre's nearest tibial point.
+    """
+    radius = surfaces.tibial_radius
+    below = radius - height
+    if CUP_COSINE * abs(x) >= CUP_SINE * below:  # on the straight continuation of the arc
+        distance = CUP_COSINE * height - CUP_SINE * abs(x) + (1.0 - CUP_COSINE) * radius
+        normal_x = -math.copysign(CUP_SINE, x)
+        normal_y = CUP_COSINE
+    else:
+        from_centre = math.sqrt(x * x + below * below)
+        distance = (height * (radius + below) - x * x) / (radius + from_centre)
+        normal_x = -x / from_centre
+        normal_y = below / from_centre
+    return surfaces.femoral_radius - distance, surfaces.femoral_radius, 0.0, normal_x, normal_y
+
+
+@in_kernel
+def start_cell(surfaces: Surfaces, angle: float, height: float) -> int:
+    """Return the cell of the table of starts for a flexion angle [rad] and a femoral height [m]."""
+    heights = surfaces.cells
+    rows = int(heights.shape[1]) - 1
+    part = (angle - FIRST_ANGLE) / COLUMN_WIDTH
+    part += (max(part - NARROW_COLUMNS, 0.0) + min(part, 0.0)) * (1.0 / WIDE_FACTOR - 1.0)
+    column = max(min(int(part + WIDE_COLUMNS), len(heights) - 1), 0)
+    row = 0
+    while row < rows - 1 and height < heights[column, row + 1]:
+        row += 1
+    return column * rows + row
 
 
 @in_kernel
@@ -157,82 +196,77 @@ def common_normal(
     From each start Newton's method finds a common normal. If it does not reach a smallest distance, or if its foot may
     not be the nearest one to a point below the surface, a search by halving takes over.
     """
-    if (
-        surfaces.kind == IN_CUP
-    ):  # the circle's deepest point is in the direction of its centre's nearest tibial point
-        radius, below = surfaces.tibial_radius, surfaces.tibial_radius - height
-        if CUP_COSINE * abs(x) >= CUP_SINE * below:
-            distance = CUP_COSINE * height - CUP_SINE * abs(x) + (1.0 - CUP_COSINE) * radius
-            normal_x, normal_y = -math.copysign(CUP_SINE, x), CUP_COSINE
-        else:
-            from_centre = math.sqrt(x * x + below * below)
-            distance = (height * (radius + below) - x * x) / (radius + from_centre)
-            normal_x, normal_y = -x / from_centre, below / from_centre
-        return surfaces.femoral_radius - distance, surfaces.femoral_radius, 0.0, normal_x, normal_y
-    turned = (
-        0.0 if surfaces.femoral_radius > 0.0 else angle
-    )  # a circle looks the same from everywhere
-    sine, cosine, cubics, tibia = (
-        math.sin(turned),
-        math.cos(turned),
-        surfaces.cubics,
-        surfaces.tibia,
-    )
-    heights = surfaces.cells
-    part, row, rows = (angle - FIRST_ANGLE) / COLUMN_WIDTH, 0, heights.shape[1] - 1
-    part += (max(part - NARROW_COLUMNS, 0.0) + min(part, 0.0)) * (1.0 / WIDE_FACTOR - 1.0)
-    column = max(min(int(part + WIDE_COLUMNS), len(heights) - 1), 0)
-    while row < rows - 1 and height < heights[column, row + 1]:
-        row += 1
-    inner = SHRUNK * surfaces.femoral_radius
-    shortest, last_step = (
-        (_MAX_BUMPY_STEP, _LAST_BUMPY_STEP)
-        if surfaces.non_convex > 0.0
-        else (_MAX_STEP, _LAST_STEP)
-    )
+    if surfaces.kind == IN_CUP:
+        return normal_in_cup(surfaces, x, height)
+    cubics = surfaces.cubics
+    tibia = surfaces.tibia
+    # A circle looks the same from everywhere.
+    turned = 0.0 if surfaces.femoral_radius > 0.0 else angle
+    sine = math.sin(turned)
+    cosine = math.cos(turned)
+    bumpy = surfaces.non_convex > 0.0
+    shortest = _MAX_BUMPY_STEP if bumpy else _MAX_STEP
+    last_step = _LAST_BUMPY_STEP if bumpy else _LAST_STEP
+    # The deepest contact until now
     best, extent, turning, normal_x, normal_y = -math.inf, 0.0, 0.0, 0.0, 1.0
-    cell = column * rows + row
+    cell = start_cell(surfaces, angle, height)
     for k in range(int(surfaces.begins[cell]), int(surfaces.begins[cell + 1])):
-        i, u = int(surfaces.starts[k, 0]), float(surfaces.starts[k, 1])
-        j, place = int(surfaces.starts[k, 2]), float(surfaces.starts[k, 3])
-        steps, found, trusted, depth, norm = 0, False, False, 0.0, 1.0
+        i = int(surfaces.starts[k, 0])
+        u = float(surfaces.starts[k, 1])
+        j = int(surfaces.starts[k, 2])
+        place = float(surfaces.starts[k, 3])
+        steps = 0
+        found = False  # Newton's method has converged
+        trusted = False  # the search by halving has found the place
+        depth = 0.0
+        norm = 1.0
         while True:
             px, py, px1, py1, px2, py2 = femoral_point(cubics, sine, cosine, i, u)
             rise, slope, bend = tibial_point(tibia, j, place)
-            dx, dy, square = x + px - place, height + py - rise, 1.0 + slope * slope
+            dx = x + px - place
+            dy = height + py - rise
+            square = 1.0 + slope * slope
             if found or steps == _MAX_NEWTON_STEPS:
                 norm = math.sqrt(square)
                 depth = (slope * dx - dy) / norm
+                # Inside the ball below this tibial piece, no other tibial point is nearer.
                 if trusted or (found and depth < tibia[j, 5]) or abs(height) > _MAX_HEIGHT:
                     break
-                i, u = int(surfaces.starts[k, 0]), float(surfaces.starts[k, 1])
-                i, u, j, place = searched(cubics, tibia, sine, cosine, x, height, i, u)
-                found, trusted = True, True
+                i = int(surfaces.starts[k, 0])
+                u = float(surfaces.starts[k, 1])
+                i, u, j, place = deepest_by_halving(cubics, tibia, sine, cosine, x, height, i, u)
+                found = True
+                trusted = True
                 continue
-            # Both P'·N and (P - Q)·T shall be 0, with N = (-slope, 1) and T = (1, slope).
-            aside, aside_u, room = dx + slope * dy, px1 + slope * py1, square - dy * bend
-            least = room > 0.0
+            # Both P'·N and (P - Q)·T must be 0, with N = (-slope, 1) and T = (1, slope). The second gives the tibial
+            # place as a function of u, with which the first becomes one equation for u.
+            aside = dx + slope * dy
+            aside_u = px1 + slope * py1
+            room = square - dy * bend
+            least = room > 0.0  # the distance of the tibial point is smallest, and not largest
             room = room if least else square
             along = bend * px1 / room
-            fall, curved = py1 - slope * px1 - along * aside, py2 - slope * px2 - along * aside_u
+            fall = py1 - slope * px1 - along * aside
+            curved = py2 - slope * px2 - along * aside_u
             longest = shortest + abs(dy) * _MAX_STEP_PER_DISTANCE
-            step = (
-                -fall / curved if abs(fall) < longest * curved else -math.copysign(longest, fall)
-            )
+            is_short = abs(fall) < longest * curved
+            step = -fall / curved if is_short else -math.copysign(longest, fall)
             i, u, beyond = carried_on(cubics, i, u + step)
             step -= beyond
             step_place = max(min((aside + aside_u * step) / room, longest), -longest)
             place += step_place
             j = piece_at(tibia, j, place)
             steps += 1
-            found = (
-                abs(step) + abs(step_place) < last_step
-                and least
-                and (curved > 0.0 or beyond != 0.0)
-            )
+            settled = abs(step) + abs(step_place) < last_step
+            found = settled and least and (curved > 0.0 or beyond != 0.0)
         if depth > best:
-            best, normal_x, normal_y = depth, -slope / norm, 1.0 / norm
-            extent, turning = -(px * normal_x + py * normal_y), normal_x * py - normal_y * px
+            best = depth
+            normal_x = -slope / norm
+            normal_y = 1.0 / norm
+            extent = -(px * normal_x + py * normal_y)
+            turning = normal_x * py - normal_y * px
+    # The spline of a circle is a smaller circle; see `Circle.cubics`.
+    inner = SHRUNK * surfaces.femoral_radius
     return best + inner, extent + inner, turning, normal_x, normal_y
 
 
@@ -243,12 +277,12 @@ def femoral_point(
     """Return x, y [m] of a point of the turned femur about its reference point, and their derivatives by u."""
     a1, a2, a3 = float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
     b1, b2, b3 = float(cubics[i, 7]), float(cubics[i, 8]), float(cubics[i, 9])
-    x, y = (
-        float(cubics[i, 2]) + u * (a1 + u * (a2 + u * a3)),
-        float(cubics[i, 6]) + u * (b1 + u * (b2 + u * b3)),
-    )
-    x1, y1 = a1 + u * (2.0 * a2 + u * 3.0 * a3), b1 + u * (2.0 * b2 + u * 3.0 * b3)
-    x2, y2 = 2.0 * a2 + 6.0 * u * a3, 2.0 * b2 + 6.0 * u * b3
+    x = float(cubics[i, 2]) + u * (a1 + u * (a2 + u * a3))
+    y = float(cubics[i, 6]) + u * (b1 + u * (b2 + u * b3))
+    x1 = a1 + u * (2.0 * a2 + u * 3.0 * a3)
+    y1 = b1 + u * (2.0 * b2 + u * 3.0 * b3)
+    x2 = 2.0 * a2 + 6.0 * u * a3
+    y2 = 2.0 * b2 + 6.0 * u * b3
     return (
         cosine * x - sine * y,
         sine * x + cosine * y,
@@ -275,12 +309,8 @@ def carried_on(cubics: Floats, i: int, u: float) -> tuple[int, float, float]:
 @in_kernel
 def tibial_point(tibia: Floats, j: int, x: float) -> tuple[float, float, float]:
     """Return height [m], slope and second derivative [1/m] of piece j of a curved tibia at x [m]."""
-    u, c1, c2, c3 = (
-        x - float(tibia[j, 0]),
-        float(tibia[j, 2]),
-        float(tibia[j, 3]),
-        float(tibia[j, 4]),
-    )
+    u = x - float(tibia[j, 0])
+    c1, c2, c3 = float(tibia[j, 2]), float(tibia[j, 3]), float(tibia[j, 4])
     rise = float(tibia[j, 1]) + u * (c1 + u * (c2 + u * c3))
     return rise, c1 + u * (2.0 * c2 + u * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * u
 
@@ -296,7 +326,7 @@ def piece_at(tibia: Floats, j: int, x: float) -> int:
 
 
 @in_kernel
-def searched(
+def deepest_by_halving(
     cubics: Floats,
     tibia: Floats,
     sine: float,
@@ -312,7 +342,10 @@ def searched(
 
     Returns segment and parameter u [m], tibial piece and x [m].
     """
-    low, high, way, j, place, at, at_u = 0.0, 0.0, 0.0, 0, 0.0, i, u
+    low, high = 0.0, 0.0  # bounds of the way along the curve [m]; infinite: not yet enclosed
+    way = 0.0
+    j, place = 0, 0.0
+    at, at_u = i, u
     for n in range(_MAX_HALVINGS):
         outward = way == 0.0 or low == -math.inf or high == math.inf
         middle = way if outward else 0.5 * (low + high)
@@ -322,11 +355,12 @@ def searched(
         _, slope, _ = tibial_point(tibia, j, place)
         falls = py1 - slope * px1 < 0.0  # the distance, along the curve
         if n == 0:
-            low, high, way = (
-                (0.0, math.inf, _FIRST_OUTWARD_STEP)
-                if falls
-                else (-math.inf, 0.0, -_FIRST_OUTWARD_STEP)
-            )
+            if falls:
+                high = math.inf
+                way = _FIRST_OUTWARD_STEP
+            else:
+                low = -math.inf
+                way = -_FIRST_OUTWARD_STEP
             continue
         if falls:
             low = middle
@@ -346,7 +380,8 @@ def nearest(tibia: Floats, x: float, y: float) -> tuple[int, float]:
     """Return piece and x [m] of the point of a curved tibia that is nearest to (x, y) [m]."""
     j = piece_at(tibia, 0, x)
     rise, _, _ = tibial_point(tibia, j, x)
-    reach, count = abs(y - rise), len(tibia)
+    reach = abs(y - rise)
+    count = len(tibia)
     best, best_j, best_place = math.inf, j, x
     for j in range(piece_at(tibia, 0, x - reach), piece_at(tibia, 0, x + reach) + 1):
         low = max(float(tibia[j, 0]), x - reach) if j > 0 else x - reach
@@ -354,10 +389,12 @@ def nearest(tibia: Floats, x: float, y: float) -> tuple[int, float]:
         place = 0.5 * (low + high)
         for _ in range(_MAX_NEWTON_STEPS):
             rise, slope, bend = tibial_point(tibia, j, place)
-            aside, room = x - place + slope * (y - rise), 1.0 + slope * slope - (y - rise) * bend
+            aside = x - place + slope * (y - rise)
+            room = 1.0 + slope * slope - (y - rise) * bend
             goal = place + aside / room if room > 0.0 else math.copysign(math.inf, aside)
             goal = max(min(goal, high), low)
-            step, place = goal - place, goal
+            step = goal - place
+            place = goal
             if abs(step) < _FINEST:
                 break
         rise, _, _ = tibial_point(tibia, j, place)
@@ -374,7 +411,8 @@ def next_kink(surfaces: Surfaces, start: float, end: float) -> float:
     There the lowest point of a profile on a plane leaps over a dent. `start` may also be the larger angle; the first
     kink is the one nearest to it.
     """
-    count, way = len(surfaces.kinks), 1 if start < end else -1
+    count = len(surfaces.kinks)
+    way = 1 if start < end else -1
     for turn in range(math.floor(start / math.tau), math.floor(end / math.tau) + way, way):
         for i in range(count):
             kink = float(surfaces.kinks[i if way > 0 else count - 1 - i]) + turn * math.tau

@@ -20,21 +20,29 @@ from numpy.typing import ArrayLike, NDArray
 from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.types import Floats, Integers
 
-CELLS, DEGREE = 2048, 6
-"""Number of cells of the full turn, and degree of their polynomials of h"""
-CLOSE = 1e-16
-"""Largest error of h' [m] of a polynomial"""
-ARC_POINTS, SHRUNK = 501, 0.5
-"""Number of points of a circle's spline, and the fraction of its radius that the spline has"""
-PER_RADIAN = CELLS / math.tau
-"""Cells of the full turn in a radian"""
-LEAP, RESOLUTION = 1e-6, 1e-13
-"""Smallest length [m] of a leap of the lowest point; error of its angle [rad]"""
-NODES: Floats = 0.5 * np.cos((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
-TRIED: Floats = np.linspace(-0.5, 0.5, 2 * DEGREE + 1)
-"""Places in a cell of width 1: where h' is interpolated, and where the result is checked"""
-NOTHING, NOWHERE = np.full((1, 1), math.nan), np.zeros(1, np.int64)
-"""Arrays of the kernel that are not used"""
+CELLS = 2048
+"""Number of cells of the full turn, each with a polynomial of h"""
+DEGREE = 6
+"""Degree of these polynomials"""
+SHRUNK = 0.5
+"""Fraction of a circle's radius that its spline has; see `Circle.cubics`"""
+NOTHING = np.full((1, 1), math.nan)
+"""Array of numbers of the kernel that is not used"""
+NOWHERE = np.zeros(1, np.int64)
+"""Array of integers of the kernel that is not used"""
+_CELLS_PER_RADIAN = CELLS / math.tau
+_CLOSE = 1e-16
+"""Largest error of h' [m] of a polynomial: the rounding error of 1 m"""
+_ARC_POINTS = 501
+"""Number of points of a circle's spline, which makes it 1e-12 m close"""
+_MIN_LEAP = 1e-6
+"""Smallest length [m] of a leap of the lowest point"""
+_KINK_RESOLUTION = 1e-13
+"""Error [rad] of the angle of a leap"""
+CELL_NODES: Floats = 0.5 * np.cos((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
+"""Places in a cell of width 1 where h' is interpolated: Chebyshev's, which make the largest error small"""
+CELL_CHECKS: Floats = np.linspace(-0.5, 0.5, 2 * DEGREE + 1)
+"""Places in a cell of width 1 where the result is checked"""
 
 
 class KernelTable(NamedTuple):
@@ -61,26 +69,23 @@ def lowest_point(
 
     On a segment, h is stationary where the tangent is parallel to the plane: a quadratic.
     """
-    sine, cosine, cells = math.sin(angle), math.cos(angle), len(begins) - 1
+    sine = math.sin(angle)
+    cosine = math.cos(angle)
+    cells = len(begins) - 1
     cell = int(angle % math.tau * (cells / math.tau)) % cells
     best, slope, place = -math.inf, 0.0, 0.0
     for k in range(int(begins[cell]), int(begins[cell + 1])):
         i = int(starts[k, 0])
-        length, x1, x2, x3 = (
-            float(cubics[i, 0]),
-            float(cubics[i, 3]),
-            float(cubics[i, 4]),
-            float(cubics[i, 5]),
-        )
-        x0, y0, y1, y2, y3 = (
-            float(cubics[i, 2]),
-            float(cubics[i, 6]),
-            float(cubics[i, 7]),
-            float(cubics[i, 8]),
-            float(cubics[i, 9]),
-        )
-        c0, c1 = -(sine * x0 + cosine * y0), -(sine * x1 + cosine * y1)
-        c2, c3 = -(sine * x2 + cosine * y2), -(sine * x3 + cosine * y3)
+        length = float(cubics[i, 0])
+        x0, x1 = float(cubics[i, 2]), float(cubics[i, 3])
+        x2, x3 = float(cubics[i, 4]), float(cubics[i, 5])
+        y0, y1 = float(cubics[i, 6]), float(cubics[i, 7])
+        y2, y3 = float(cubics[i, 8]), float(cubics[i, 9])
+        # The depth of the segment's points below the reference point is c0 + u (c1 + u (c2 + u c3)).
+        c0 = -(sine * x0 + cosine * y0)
+        c1 = -(sine * x1 + cosine * y1)
+        c2 = -(sine * x2 + cosine * y2)
+        c3 = -(sine * x3 + cosine * y3)
         discriminant = c2 * c2 - 3.0 * c3 * c1
         q = -(c2 + math.copysign(math.sqrt(max(discriminant, 0.0)), c2))
         one = c1 / q if q != 0.0 else 0.0
@@ -88,8 +93,11 @@ def lowest_point(
         for u in (0.0, length, one, other):
             h = c0 + u * (c1 + u * (c2 + u * c3))
             if 0.0 <= u <= length and h > best:
-                x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-                best, slope, place = h, sine * y - cosine * x, float(cubics[i, 1]) + u
+                x = x0 + u * (x1 + u * (x2 + u * x3))
+                y = y0 + u * (y1 + u * (y2 + u * y3))
+                best = h
+                slope = sine * y - cosine * x
+                place = float(cubics[i, 1]) + u
     return best, slope, place
 
 
@@ -98,7 +106,7 @@ def support_at(
     cells: Floats, begins: Integers, starts: Floats, cubics: Floats, angle: float
 ) -> tuple[float, float]:
     """Return support h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
-    part = angle * PER_RADIAN
+    part = angle * _CELLS_PER_RADIAN
     part -= CELLS * math.floor(part * (1.0 / CELLS))
     i = min(int(part), CELLS - 1)
     t = part - i - 0.5
@@ -109,7 +117,7 @@ def support_at(
     c4, c5, c6 = float(cells[i, 4]), float(cells[i, 5]), float(cells[i, 6])
     h = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
     slope = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6)))))
-    return h, slope * PER_RADIAN
+    return h, slope * _CELLS_PER_RADIAN
 
 
 @dataclass(frozen=True)
@@ -144,16 +152,16 @@ class Circle:
 
         Its gap is wider by the difference, so surfaces never overlap, where the nearest points would be ambiguous.
         """
-        turn = np.linspace(-0.5 * math.pi - 1.4, -0.5 * math.pi + 1.4, ARC_POINTS)
-        return Profile(
-            SHRUNK * self.radius * np.cos(turn), SHRUNK * self.radius * np.sin(turn)
-        ).cubics
+        turn = np.linspace(-0.5 * math.pi - 1.4, -0.5 * math.pi + 1.4, _ARC_POINTS)
+        radius = SHRUNK * self.radius
+        return Profile(radius * np.cos(turn), radius * np.sin(turn)).cubics
 
     @property
     def on_plane(self) -> KernelTable:
         """The support function for the kernel."""
-        cells = np.array([[float(self.radius)] + DEGREE * [0.0]])
-        return KernelTable(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
+        constant = np.zeros((1, DEGREE + 1))
+        constant[0, 0] = self.radius
+        return KernelTable(constant, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +194,8 @@ class Profile:
         points = np.delete(points, np.flatnonzero(repeated), axis=1)
         if points.shape[1] < 4:
             raise ValueError(f"a profile needs at least 4 different points, got {points.shape[1]}")
-        from scipy.interpolate import CubicSpline  # 0.9 s to import, which a circle need not pay
+        # The import takes 0.9 s, which a circle does not need.
+        from scipy.interpolate import CubicSpline
 
         chords = np.hypot(*np.diff(points))
         spline = CubicSpline(np.concatenate([[0.0], np.cumsum(chords)]), points, axis=1)
@@ -212,25 +221,20 @@ class Profile:
     @cached_property
     def _hull(self) -> Floats:
         """Bézier points x and y [m] of every segment, which lies in their hull; shape (2, 4, segments)."""
-        length, (c0, c1, c2, c3) = (
-            self.cubics[:, 0],
-            self.cubics[:, 2:].T.reshape(2, 4, -1).swapaxes(0, 1),
-        )
+        length = self.cubics[:, 0]
+        c0, c1, c2, c3 = self.cubics[:, 2:].T.reshape(2, 4, -1).swapaxes(0, 1)
+        second = c0 + c1 * length / 3.0
+        third = c0 + length * (2.0 * c1 + c2 * length) / 3.0
         end = c0 + length * (c1 + length * (c2 + length * c3))
-        return np.stack(
-            [c0, c0 + c1 * length / 3.0, c0 + length * (2.0 * c1 + c2 * length) / 3.0, end], axis=1
-        )
+        return np.stack([c0, second, third, end], axis=1)
 
     def outline(self, points_per_segment: int = 4) -> Floats:
         """Return points along the curve, shape (n, 2) [m] in the femur frame, for drawing."""
-        part = np.linspace(0.0, 1.0, points_per_segment, endpoint=False)
-        length, _, *coefficients = self.cubics.T[:, :, None]
-        u = part * length
-        axes = [
-            c0 + u * (c1 + u * (c2 + u * c3))
-            for c0, c1, c2, c3 in (coefficients[:4], coefficients[4:])
-        ]
-        return np.stack([axis.ravel() for axis in axes], axis=1)
+        length, _, x0, x1, x2, x3, y0, y1, y2, y3 = self.cubics.T[:, :, None]
+        u = np.linspace(0.0, 1.0, points_per_segment, endpoint=False) * length
+        x = x0 + u * (x1 + u * (x2 + u * x3))
+        y = y0 + u * (y1 + u * (y2 + u * y3))
+        return np.stack([x.ravel(), y.ravel()], axis=1)
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion, in closed form."""
@@ -242,17 +246,19 @@ class Profile:
         """The support function for the kernel."""
         cells, segments = self._candidates()
         first = np.searchsorted(cells, np.arange(CELLS + 1)).astype(np.int64)
-        h, u, _ = self._lowest(segments, cells, TRIED)
+        h, u, _ = self._lowest(segments, cells, CELL_CHECKS)
+        # Cells in which the lowest point stays inside one segment have a polynomial.
         is_best = h >= np.maximum.reduceat(h, first[:-1])[cells]
-        alone = np.flatnonzero((is_best & (u > 0.0) & (u < self.cubics[segments, :1])).all(axis=1))
-        _, alone = alone, alone[np.unique(cells[alone], return_index=True)[1]]
-        polynomials = np.full((CELLS, DEGREE + 1), math.nan)
+        is_inside = (u > 0.0) & (u < self.cubics[segments, :1])
+        alone = np.flatnonzero((is_best & is_inside).all(axis=1))
+        alone = alone[np.unique(cells[alone], return_index=True)[1]]
         where, only = cells[alone], segments[alone]
         middle = self._lowest(only, where, np.zeros(1))[0][:, 0]
-        found, error = cell_polynomials(
-            middle, *(self._lowest(only, where, t)[2] for t in (NODES, TRIED))
-        )
-        polynomials[where[error <= CLOSE]] = found[error <= CLOSE]
+        at_nodes = self._lowest(only, where, CELL_NODES)[2]
+        checked = self._lowest(only, where, CELL_CHECKS)[2]
+        found, error = cell_polynomials(middle, at_nodes, checked)
+        polynomials = np.full((CELLS, DEGREE + 1), math.nan)
+        polynomials[where[error <= _CLOSE]] = found[error <= _CLOSE]
         # The place of the lowest point at both edges of each cell
         order = np.lexsort((-h[:, 0], cells)), np.lexsort((-h[:, -1], cells))
         places = [(self.cubics[segments, 1] + u[:, k])[order[k][first[:-1]]] for k in (0, -1)]
@@ -267,12 +273,14 @@ class Profile:
         times the distance between them (h' = -x). A segment whose bound is further behind in the middle cannot be the
         lowest.
         """
-        half_width, (hull_x, hull_y) = math.pi / CELLS, self._hull
+        half_width = math.pi / CELLS
+        hull_x, hull_y = self._hull
         angles = (2.0 * np.arange(CELLS)[:, None] + 1.0) * half_width
         sine, cosine = np.sin(angles), np.cos(angles)
         depths = [-(sine * x + cosine * y) for x, y in zip(hull_x, hull_y, strict=True)]
         ends = np.maximum(depths[0], depths[3])
-        upper, best = np.maximum(ends, np.maximum(depths[1], depths[2])), ends.argmax(axis=1)
+        upper = np.maximum(ends, np.maximum(depths[1], depths[2]))
+        best = ends.argmax(axis=1)
         centre = np.stack([hull_x.mean(axis=0), hull_y.mean(axis=0)])
         radius = np.hypot(*(self._hull - centre[:, None])).max(axis=0)
         distances = np.hypot(*(centre[:, :, None] - centre[:, None, :])) + radius[:, None] + radius
@@ -287,8 +295,10 @@ class Profile:
         length, _, x0, x1, x2, x3, y0, y1, y2, y3 = self.cubics[segments].T[:, :, None]
         angle = (cells[:, None] + 0.5 + t) * (math.tau / CELLS)
         sine, cosine = np.sin(angle), np.cos(angle)
-        c0, c1 = -(sine * x0 + cosine * y0), -(sine * x1 + cosine * y1)
-        c2, c3 = -(sine * x2 + cosine * y2), -(sine * x3 + cosine * y3)
+        c0 = -(sine * x0 + cosine * y0)
+        c1 = -(sine * x1 + cosine * y1)
+        c2 = -(sine * x2 + cosine * y2)
+        c3 = -(sine * x3 + cosine * y3)
         with np.errstate(divide="ignore", invalid="ignore"):
             q = -(c2 + np.copysign(np.sqrt(c2 * c2 - 3.0 * c3 * c1), c2))
             roots = [
@@ -298,8 +308,10 @@ class Profile:
         places = np.stack([0.0 * angle, length + 0.0 * angle, *roots])
         depths = c0 + places * (c1 + places * (c2 + places * c3))
         best = depths.argmax(axis=0)[None]
-        h, u = np.take_along_axis(depths, best, 0)[0], np.take_along_axis(places, best, 0)[0]
-        x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+        h = np.take_along_axis(depths, best, 0)[0]
+        u = np.take_along_axis(places, best, 0)[0]
+        x = x0 + u * (x1 + u * (x2 + u * x3))
+        y = y0 + u * (y1 + u * (y2 + u * y3))
         return h, u, sine * y - cosine * x
 
     def _kinks(
@@ -314,12 +326,11 @@ class Profile:
 
         def search(a: float, b: float, from_place: float, to_place: float) -> None:
             middle = 0.5 * (a + b)
-            if abs(to_place - from_place) <= LEAP or self._bends_on(from_place, to_place):
+            if abs(to_place - from_place) <= _MIN_LEAP or self._bends_on(from_place, to_place):
                 return
-            if b - a <= RESOLUTION or not a < middle < b:
-                if (
-                    not found or middle - found[-1] > 10.0 * RESOLUTION
-                ):  # else level pieces rock to and fro by rounding
+            if b - a <= _KINK_RESOLUTION or not a < middle < b:
+                # Level pieces rock to and fro by rounding: that is one kink.
+                if not found or middle - found[-1] > 10.0 * _KINK_RESOLUTION:
                     found.append(middle)
                 return
             between = lowest_point(begins, starts, self.cubics, middle)[2]
@@ -328,31 +339,26 @@ class Profile:
 
         width = math.tau / CELLS
         for cell in range(CELLS):
-            a, b, left, right = (
-                cell * width,
-                (cell + 1) * width,
-                float(edges[0, cell]),
-                float(edges[1, cell]),
-            )
+            a = cell * width
+            left, right = float(edges[0, cell]), float(edges[1, cell])
             search(a, a, float(edges[1, cell - 1]), left)
             if open_cells[cell]:
-                search(a, b, left, right)
+                search(a, (cell + 1) * width, left, right)
         return [kink for kink in found if kink < math.tau]
 
     def _bends_on(self, a: float, b: float) -> bool:
         """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
-        sign, (low, high) = (
-            (-1.0 if b > a else 1.0),
-            sorted((a, b)),
-        )  # the direction that is down turns clockwise
+        sign = -1.0 if b > a else 1.0  # the direction that is down turns clockwise
+        low, high = sorted((a, b))
         starts = self.cubics[:, 1]
         i, end = np.searchsorted(starts, (low, high), side="right")
         length, start, _, x1, x2, x3, _, y1, y2, y3 = self.cubics[max(int(i) - 2, 0) : int(end)].T
+        # The bend p' x p'' along u is a parabola, least at an end or at its extreme.
         bend = (
             2.0 * (x1 * y2 - y1 * x2),
             6.0 * (x1 * y3 - y1 * x3),
             6.0 * (x2 * y3 - y2 * x3),
-        )  # p' x p'' along u
+        )
         begin, until = np.maximum(low - start, 0.0), np.minimum(high - start, length)
         with np.errstate(divide="ignore", invalid="ignore"):
             extreme = np.clip(np.nan_to_num(-0.5 * bend[1] / bend[2], nan=0.0), begin, until)
@@ -363,11 +369,13 @@ class Profile:
         return bool((least[begin < until] > 0.0).all())
 
 
-def cell_polynomials(middle: Floats, at_nodes: Floats, tried: Floats) -> tuple[Floats, Floats]:
+def cell_polynomials(middle: Floats, at_nodes: Floats, checked: Floats) -> tuple[Floats, Floats]:
     """Return coefficients of h [m] of cells, shape (n, DEGREE + 1), and their largest errors of h' [m], shape (n,).
 
-    `middle` is h in the middle, `at_nodes` and `tried` h' at the places `NODES` and `TRIED` of each cell.
+    `middle` is h in the middle, `at_nodes` and `checked` h' at the places `CELL_NODES` and `CELL_CHECKS` of each cell.
     """
-    slopes = at_nodes @ np.linalg.inv(np.vander(NODES, increasing=True)).T
-    error = np.abs(slopes @ np.vander(TRIED, DEGREE, increasing=True).T - tried).max(axis=1)
+    slopes = at_nodes @ np.linalg.inv(np.vander(CELL_NODES, increasing=True)).T
+    error = np.abs(slopes @ np.vander(CELL_CHECKS, DEGREE, increasing=True).T - checked).max(
+        axis=1
+    )
     return np.column_stack([middle, slopes * (math.tau / CELLS / np.arange(1, DEGREE + 1))]), error

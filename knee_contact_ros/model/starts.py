@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from knee_contact_ros.model.mechanisms import Mechanism
 from knee_contact_ros.model.profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile
-from knee_contact_ros.model.types import Floats
+from knee_contact_ros.model.types import Floats, Indices
 
 COLUMN_WIDTH = 0.0125
 """Width [rad] of the table's columns of angles"""
@@ -46,13 +47,23 @@ _FAR_BELOW = -1.0
 """Height [m] of what must not be the highest"""
 
 
-def height_of(pieces: Floats, x: Floats, derivative: int = 0) -> Floats:
-    """Return the height [m], or slope, of a curved tibia at places x [m]."""
-    start, c0, c1, c2, c3 = pieces[np.searchsorted(pieces[1:, 0], x, side="right"), :5].T
+def height_of(pieces: Floats, x: Floats) -> Floats:
+    """Return the height [m] of a curved tibia, `Surfaces.tibia`, at places x [m]."""
+    start, c0, c1, c2, c3 = _pieces_at(pieces, x)
     u = x - start
-    return np.asarray(
-        c1 + u * (2.0 * c2 + u * 3.0 * c3) if derivative else c0 + u * (c1 + u * (c2 + u * c3))
-    )
+    return np.asarray(c0 + u * (c1 + u * (c2 + u * c3)))
+
+
+def slope_of(pieces: Floats, x: Floats) -> Floats:
+    """Return the slope of a curved tibia at places x [m]."""
+    start, _, c1, c2, c3 = _pieces_at(pieces, x)
+    u = x - start
+    return np.asarray(c1 + u * (2.0 * c2 + u * 3.0 * c3))
+
+
+def _pieces_at(pieces: Floats, x: Floats) -> Floats:
+    """Return start and coefficients of the pieces at places x [m], shape (5, n)."""
+    return np.asarray(pieces[np.searchsorted(pieces[1:, 0], x, side="right"), :5].T)
 
 
 def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> KernelTable:
@@ -63,116 +74,116 @@ def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -
     that may be deepest are those with the smallest vertical clearance above the envelope, each with all tibial points
     that may be nearest.
     """
-    turns, cubics = isinstance(femur, Profile), femur.cubics
-    parts, inner = (
-        (1, SHRUNK * femur.radius) if isinstance(femur, Circle) else (_POINTS_PER_SEGMENT, 0.0)
-    )
-    segments, part = np.divmod(np.arange(parts * len(cubics) + 1), parts)
-    segments[-1], part[-1] = len(cubics) - 1, parts
-    length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[segments].T
-    u = length * part / parts
-    px, py = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+    cubics = femur.cubics
     angles = COLUMN_EDGES
-    sine, cosine = (np.sin(angles)[:, None], np.cos(angles)[:, None]) if turns else (0.0, 1.0)
-    x = (
-        np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])[:, None]
-        + cosine * px
-        - sine * py
-    )
+    sine: Any = np.sin(angles)[:, None]
+    cosine: Any = np.cos(angles)[:, None]
+    parts = _POINTS_PER_SEGMENT
+    inner = 0.0
+    if isinstance(femur, Circle):
+        # It looks the same at every angle. Its spline is a smaller circle, and has points enough.
+        sine, cosine = 0.0, 1.0
+        parts = 1
+        inner = SHRUNK * femur.radius
+    px, py = _femoral_points(cubics, parts)
+    moved = np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])
+    # Femoral points relative to the tibia, at height 0 of the femoral reference point; shape (angles, points)
+    x = moved[:, None] + cosine * px - sine * py
     y = sine * px + cosine * py + np.zeros_like(x)
     place = np.arange(x.min(), x.max() + _SPACING, _SPACING)
-    found, heights = [], np.empty((len(angles), len(_DEPTHS)))
+    found = []
+    heights = np.empty((len(angles), len(_DEPTHS)))
     for level, depth in enumerate((_DEPTHS - inner).tolist()):
         # Balls whose feet are on the tibia, and which touch the femur at `place`: their highest or lowest tops
-        sign, reach = (
-            -1.0 if depth > 0.0 else 1.0,
-            math.ceil(abs(depth) * math.sin(_STEEPEST) / _SPACING) + 1,
-        )
+        sign = -1.0 if depth > 0.0 else 1.0
+        reach = math.ceil(abs(depth) * math.sin(_STEEPEST) / _SPACING) + 1
         offset = _SPACING * np.arange(-reach, reach + 1)
-        ball = np.where(
-            abs(offset) <= abs(depth),
-            np.sqrt(np.maximum(depth * depth - offset**2, 0.0)),
-            _FAR_BELOW,
-        )
+        top = np.sqrt(np.maximum(depth * depth - offset**2, 0.0))
+        ball = np.where(abs(offset) <= abs(depth), top, _FAR_BELOW)
         rise = height_of(tibia, place[0] + _SPACING * np.arange(-reach, len(place) + reach))
         tops = sliding_window_view(sign * rise, len(offset)) + ball
         best = np.clip(tops.argmax(axis=1), 1, 2 * reach - 1)
         before, at, behind = (tops[np.arange(len(place)), best + k] for k in (-1, 0, 1))
+        # The envelope is the top of a parabola through the highest ball and its neighbours.
         bend = np.maximum(2.0 * at - before - behind, 1e-12)
-        envelope = sign * (at + (behind - before) ** 2 / (8.0 * bend))  # a parabola's
+        envelope = sign * (at + (behind - before) ** 2 / (8.0 * bend))
         clear = y - np.interp(x, place, envelope)
         lowest = clear.argmin(axis=1)
         least = clear[np.arange(len(angles)), lowest]
         heights[:, level] = -least
+        # Femoral points that are less clear than their neighbours, unless the slack rules them out
         edge = np.full((len(angles), 1), math.inf)
-        dips = (clear <= np.hstack([edge, clear[:, :-1]])) & (
-            clear < np.hstack([clear[:, 1:], edge])
-        )
-        columns, points = np.nonzero(dips)
+        left = np.hstack([edge, clear[:, :-1]])
+        right = np.hstack([clear[:, 1:], edge])
+        columns, points = np.nonzero((clear <= left) & (clear < right))
         deepest = lowest[columns]
-        touched, other = (
-            ((x[columns, one] - place[0]) / _SPACING + 0.5).astype(int)
-            for one in (points, deepest)
-        )
+        touched = _places_of(x[columns, points], place)
+        other = _places_of(x[columns, deepest], place)
         away = np.hypot(px[points] - px[deepest], py[points] - py[deepest])
-        higher, shift = (
-            clear[columns, points] - least[columns],
-            place[touched] - place[other] - offset[best[other]],
-        )
-        kept = higher <= _SLACK_PER_DISTANCE * (away + abs(shift + offset[best[touched]])) + _SLACK
-        columns, points, touched, away, higher, shift = (
-            one[kept] for one in (columns, points, touched, away, higher, shift)
-        )
-        which, foot = np.arange(len(points)), best[touched]
-        if (
-            depth < 0.0
-        ):  # apart, other tops of the tibia may become the nearest ones to the same femoral point
+        higher = clear[columns, points] - least[columns]
+        shift = place[touched] - place[other] - offset[best[other]]
+        distance = away + abs(shift + offset[best[touched]])
+        kept = higher <= _SLACK_PER_DISTANCE * distance + _SLACK
+        columns, points, touched = columns[kept], points[kept], touched[kept]
+        away, higher, shift = away[kept], higher[kept], shift[kept]
+        which = np.arange(len(points))
+        foot = best[touched]
+        if depth < 0.0:
+            # Apart, other tops of the tibia may become the nearest ones to the same femoral point.
             near = tops[touched]
-            which, foot = np.nonzero(
-                (near[:, 1:-1] > near[:, :-2]) & (near[:, 1:-1] >= near[:, 2:])
-            )
+            inside = near[:, 1:-1]
+            which, foot = np.nonzero((inside > near[:, :-2]) & (inside >= near[:, 2:]))
             foot += 1
         lower = at[touched[which]] - tops[touched[which], foot]
-        kept = (
-            higher[which] + lower
-            <= _SLACK_PER_DISTANCE * (away[which] + abs(shift[which] + offset[foot])) + _SLACK
-        )
+        distance = away[which] + abs(shift[which] + offset[foot])
+        kept = higher[which] + lower <= _SLACK_PER_DISTANCE * distance + _SLACK
         which, foot = which[kept], foot[kept]
         feet = place[touched[which]] + offset[foot]
         found.append(np.stack([columns[which], np.full(len(which), level), points[which], feet]))
     return _cells(np.concatenate(found, axis=1), heights, cubics, tibia, parts)
 
 
+def _femoral_points(cubics: Floats, parts: int) -> tuple[Floats, Floats]:
+    """Return points x, y [m] of the femur, `parts` in every segment and the last one's end."""
+    segments, part = np.divmod(np.arange(parts * len(cubics) + 1), parts)
+    segments[-1] = len(cubics) - 1
+    part[-1] = parts
+    length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[segments].T
+    u = length * part / parts
+    return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
+
+
+def _places_of(x: Floats, place: Floats) -> Indices:
+    """Return the indices of the places nearest to x [m]."""
+    return np.asarray((x - place[0]) / _SPACING + 0.5).astype(np.intp)
+
+
 def _cells(
     corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, parts: int
 ) -> KernelTable:
     """Assign each cell of the table the starts of its four corners: column, level, femoral point and tibial x [m]."""
-    rows, (columns, levels, points, places) = len(_DEPTHS) - 1, corners
+    rows = len(_DEPTHS) - 1
+    columns, levels, points, places = corners
     middle = 0.5 * (heights[1:] + heights[:-1])
     around = [(columns - i, levels - j, points, places) for i in (0, 1) for j in (0, 1)]
     columns, levels, points, places = np.concatenate(np.array(around), axis=1)
     inside = (columns >= 0) & (columns < len(heights) - 1) & (levels >= 0) & (levels < rows)
-    cells, points, places = (
-        (columns * rows + levels)[inside].astype(np.int64),
-        points[inside],
-        places[inside],
-    )
+    cells = (columns * rows + levels)[inside].astype(np.int64)
+    points, places = points[inside], places[inside]
     order = np.lexsort((places, points, cells))
     cells, points, places = cells[order], points[order], places[order]
-    crowded = (
-        np.bincount(cells)[cells] > 4
-    )  # else there is one place, which moves from corner to corner
-    apart = np.abs(np.diff(places, prepend=-9.0)) > np.where(
-        crowded, _SAME_START, 4.0 * _SAME_START
-    )
+    # In a cell with at most four starts there is one place, which moves from corner to corner.
+    crowded = np.bincount(cells)[cells] > 4
+    separation = np.where(crowded, _SAME_START, 4.0 * _SAME_START)
+    apart = np.abs(np.diff(places, prepend=-9.0)) > separation
     apart |= crowded & (np.diff(points, prepend=-9.0) > 1.0)
     new = np.flatnonzero((np.diff(cells, prepend=-1) != 0) | apart)
     number = np.diff(new, append=len(cells))
-    points, places = np.add.reduceat(points, new) / number, np.add.reduceat(places, new) / number
+    points = np.add.reduceat(points, new) / number
+    places = np.add.reduceat(places, new) / number
     segments = np.minimum(points // parts, len(cubics) - 1)
     u = (points / parts - segments) * cubics[segments.astype(np.int64), 0]
     pieces = np.searchsorted(tibia[1:, 0], places, side="right")
     begins = np.searchsorted(cells[new], np.arange(len(middle) * rows + 1)).astype(np.int64)
-    return KernelTable(
-        middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0, :0]
-    )
+    starts = np.column_stack([segments, u, pieces, places])
+    return KernelTable(middle, begins, starts, cubics, NOTHING[0, :0])

@@ -22,7 +22,7 @@ from knee_contact_ros.model.closest import (
 )
 from knee_contact_ros.model.mechanisms import Mechanism
 from knee_contact_ros.model.profiles import NOTHING, NOWHERE, Circle, KernelTable, Profile
-from knee_contact_ros.model.starts import COLUMN_EDGES, height_of, starts_table
+from knee_contact_ros.model.starts import height_of, slope_of, starts_table
 from knee_contact_ros.model.types import Floats
 
 _ARC_POINTS = 1201
@@ -61,7 +61,6 @@ class Cup:
 
     Its lowest point is the origin of the tibia frame.
 
-
     Raises:
         ValueError: the radius is not a finite positive number.
     """
@@ -85,20 +84,17 @@ class Cup:
     def pieces(self) -> Floats:
         """The arc as a spline that is 1e-12 m close; see `Surfaces.tibia`."""
         x = self.radius * np.sin(np.linspace(-math.pi / 3.0, math.pi / 3.0, _ARC_POINTS))
+        y = self.radius - np.sqrt(self.radius**2 - x * x)
         steepest = CUP_SINE / CUP_COSINE
-        return _tibial_pieces(
-            x, self.radius - np.sqrt(self.radius**2 - x * x), ((1, -steepest), (1, steepest))
-        )
+        return _tibial_pieces(x, y, ((1, -steepest), (1, steepest)))
 
     def outline(self, reach: float) -> Floats:
         """Return points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
         x = np.linspace(-reach, reach, _OUTLINE_POINTS)
         on_arc = np.minimum(np.abs(x), CUP_SINE * self.radius)
-        y = (
-            on_arc**2 / (self.radius + np.sqrt(self.radius**2 - on_arc**2))
-            + (np.abs(x) - on_arc) * CUP_SINE / CUP_COSINE
-        )
-        return np.stack([x, y], axis=1)
+        arc = on_arc**2 / (self.radius + np.sqrt(self.radius**2 - on_arc**2))
+        straight = (np.abs(x) - on_arc) * CUP_SINE / CUP_COSINE
+        return np.stack([x, arc + straight], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +130,14 @@ class Plateau:
         # Balls below: through a point u of a piece, tangent there, and any point v
         inner = np.linspace(x[:-1], x[1:], _BALLS_PER_PIECE, endpoint=False, axis=1).ravel()
         u = np.concatenate([x[0] - _BALL_TAILS[::-1], inner, x[-1] + _BALL_TAILS])
-        rise, slope = height_of(pieces, u), height_of(pieces, u, 1)
-        dx, dy = u - u[:, None], rise - rise[:, None]
+        rise, slope = height_of(pieces, u), slope_of(pieces, u)
+        dx = u - u[:, None]
+        dy = rise - rise[:, None]
         inward = (slope[:, None] * dx - dy) / np.sqrt(1.0 + slope**2)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            radius = np.where(inward > 1e-12, (dx * dx + dy * dy) / (2.0 * inward), math.inf).min(
-                axis=1
-            )
+            radii = (dx * dx + dy * dy) / (2.0 * inward)
+        # Where v is within a rounding error of the tangent, no ball is too large.
+        radius = np.where(inward > 1e-12, radii, math.inf).min(axis=1)
         np.minimum.at(pieces[:, 5], np.searchsorted(x, u, side="right"), _BALL_SAFETY * radius)
         object.__setattr__(self, "pieces", pieces)
 
@@ -150,10 +147,8 @@ class Plateau:
     @property
     def curvature(self) -> float:
         """Upper bound of the curvature [1/m]."""
-        (_, _, c1, c2, c3), width = (
-            self.pieces[1:, :5].T,
-            np.diff(self.pieces[1:, 0], append=self.pieces[-1, 0]),
-        )
+        start, _, c1, c2, c3 = self.pieces[1:, :5].T
+        width = np.diff(start, append=start[-1])
         bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * width])
         flattest = np.maximum(np.abs(c1) - np.abs(bends).max(axis=0) * width, 0.0)
         return max(0.0, float((bends / (1.0 + flattest**2) ** 1.5).max()))
@@ -169,9 +164,8 @@ class Plateau:
 
 def _tibial_pieces(x: Floats, y: Floats, ends: Any) -> Floats:
     """Return `Surfaces.tibia` of a spline through points x, y [m] with SciPy's condition at its ends."""
-    from scipy.interpolate import (
-        CubicSpline,
-    )  # 0.9 s to import, which a circle on a plane need not pay
+    # The import takes 0.9 s, which a circle on a plane does not need.
+    from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(x, y, bc_type=ends)
     before, behind = np.column_stack([x, y, spline(x, 1), 0.0 * x, 0.0 * x])[[0, -1]]
@@ -200,9 +194,8 @@ class ContactPair:
 
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal at a flexion angle [rad] and a height of the femoral reference point [m]."""
-        return Closest(
-            *closest(self.surfaces, angle, self.mechanism.translation(angle)[0], height)
-        )
+        x, _ = self.mechanism.translation(angle)
+        return Closest(*closest(self.surfaces, angle, x, height))
 
     @cached_property
     def femoral_radius(self) -> float:
@@ -221,11 +214,16 @@ class ContactPair:
         """The pair in the form that the kernel takes."""
         femur, tibia, mechanism = self.femur, self.tibia, self.mechanism
         slope = float(tibia.slope) if isinstance(tibia, Plane) else 0.0
-        kind, table, pieces, non_convex = IN_CUP, _NO_TABLE, NOTHING, False
+        kind = IN_CUP
+        table = _NO_TABLE
+        pieces = NOTHING
+        non_convex = False
         if isinstance(tibia, Plane):
-            kind, table = ON_PLANE, femur.on_plane
+            kind = ON_PLANE
+            table = femur.on_plane
         elif isinstance(femur, Profile) or isinstance(tibia, Plateau):
-            kind, pieces = ON_CURVE, tibia.pieces
+            kind = ON_CURVE
+            pieces = tibia.pieces
             table = starts_table(femur, pieces, mechanism)
             # One kink is that of an open curve's two ends; a hollow narrower than the femur holds it on two edges.
             leaps = isinstance(femur, Profile) and len(femur.on_plane.kinks) > 1
@@ -251,15 +249,6 @@ class ContactPair:
             largest_bend=mechanism.largest_bend,
             concave=tibia.curvature,
         )
-
-    def table(self) -> dict[str, Floats]:
-        """Return the tables as arrays to plot; on a curved tibia also the edges of the columns [rad]."""
-        arrays = {
-            name: one
-            for name, one in self.surfaces._asdict().items()
-            if isinstance(one, np.ndarray)
-        }
-        return arrays | ({"edges": COLUMN_EDGES} if self.surfaces.kind == ON_CURVE else {})
 
 
 GEOMETRIES: dict[str, type[Circle] | type[Profile]] = {"circle": Circle, "profile": Profile}
