@@ -295,8 +295,8 @@ def warm(given: ParameterOptions) -> None:
         load_model([*given.files(), given.values()], compiled=False)
     before, compiled, after = kept_files(), compiled_run(), kept_files()
     if compiled and after:
-        say("was there already" if set(before) == set(after) else "compiled")
-        say(f"kept in {after[0].parent}")
+        state = "compiled already" if set(before) == set(after) else "compiled"
+        say(f"{state}, in {after[0].parent}")
         return
     places = folders(run)
     if len(places) == 1:

@@ -51,7 +51,7 @@ from knee_contact_ros.view.scene import PictureChoice, Scene
 
 SERVED = ("rerun+", "http://")
 """Beginnings of the address of a scene that a node or `--serve` serves"""
-ALTERNATIVES = "say --save OUT.rrd or --serve"
+ALTERNATIVES = "use --save OUT.rrd or --serve"
 LONGEST_NAME = 80
 """Most characters of a knee's name"""
 

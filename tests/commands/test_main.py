@@ -12,10 +12,11 @@ from pathlib import Path
 import click
 import pytest
 
-from knee_contact_ros.commands.main import INTERRUPTED, knee_contact, main
+from knee_contact_ros.commands.main import GROUPS, INTERRUPTED, knee_contact, main
 from knee_contact_ros.model import compiler, kernel
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT
+from tests.helpers.commands import run
 
 
 @pytest.fixture
@@ -36,25 +37,24 @@ def test_ctrl_c_is_an_interruption(
     failing: list[BaseException], error: BaseException, capsys: pytest.CaptureFixture[str]
 ) -> None:
     failing.append(error)
-    assert main(["fail"]) == INTERRUPTED
+    assert run("fail") == INTERRUPTED
     assert capsys.readouterr().err.strip() == "knee-contact: interrupted"
 
 
 def test_a_file_that_ends_too_early_is_no_interruption(failing: list[BaseException]) -> None:
     failing.append(EOFError("Ran out of input"))
     with pytest.raises(EOFError, match="Ran out of input"):
-        main(["fail"])
+        run("fail")
 
 
-STARTS = [["node"], ["demo", "--output", "new"], ["replay", "gait2354_right"]]
-"""What starts ROS"""
+ROS_COMMANDS = ["node", "demo --output new", "replay gait2354_right"]
 
 
-def refused(arguments: list[str], path: str, **environment: str) -> str:
-    """What a command writes that is refused, in an environment with this path of Python."""
+def errors_of(words: str, folder: Path, **environment: str) -> str:
+    """Return the errors of a command that is refused, in a process that imports from this folder first."""
     done = subprocess.run(
-        [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments],
-        env=os.environ | {"PYTHONPATH": path} | environment,
+        [sys.executable, "-m", "knee_contact_ros.commands.main", *words.split()],
+        env=os.environ | {"PYTHONPATH": f"{folder}:{ROOT}"} | environment,
         cwd=share_folder() / "bags",
         capture_output=True,
         text=True,
@@ -65,36 +65,33 @@ def refused(arguments: list[str], path: str, **environment: str) -> str:
     return done.stderr
 
 
-@pytest.mark.parametrize("arguments", STARTS)
-def test_another_ros_on_the_path_is_named_with_the_cure(
-    arguments: list[str], tmp_path: Path
-) -> None:
+@pytest.fixture
+def broken_ros(tmp_path: Path) -> Path:
+    """A folder with a `rclpy` that cannot be loaded."""
+    (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("words", ROS_COMMANDS)
+def test_another_ros_on_the_path_is_named_with_the_cure(words: str, tmp_path: Path) -> None:
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy" / "__init__.py").write_text("from rclpy._rclpy_pybind11 import rclpy\n")
-    told = refused(arguments, f"{tmp_path}:{ROOT}")
-    assert told.startswith(
-        "knee-contact: ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is "
-    )
-    assert "by PYTHONPATH" in told
-    assert "env -u PYTHONPATH" in told
+    errors = errors_of(words, tmp_path)
+    reason = "ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is "
+    assert errors.startswith(f"knee-contact: {reason}")
+    assert "by PYTHONPATH" in errors
+    assert "env -u PYTHONPATH" in errors
 
 
-@pytest.mark.parametrize("arguments", STARTS)
-def test_a_middleware_that_is_not_there_is_named_with_the_cure(
-    arguments: list[str], tmp_path: Path
-) -> None:
-    """The demo goes on without it, and here with a ROS that cannot be loaded, to the same end."""
-    (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
-    told = refused(arguments, f"{tmp_path}:{ROOT}", RMW_IMPLEMENTATION="rmw_none_cpp")
-    assert (
-        "RMW_IMPLEMENTATION asks for rmw_none_cpp, which is not installed here"
-        in told.splitlines()[0]
-    )
-    assert (
-        ("the demo runs without it" in told)
-        == (arguments[0] == "demo")
-        == ("ROS cannot be loaded" in told)
-    )
+@pytest.mark.parametrize("words", ROS_COMMANDS)
+def test_a_missing_middleware_is_named_with_the_cure(words: str, broken_ros: Path) -> None:
+    """The demo goes on without it, and then finds the ROS that cannot be loaded."""
+    errors = errors_of(words, broken_ros, RMW_IMPLEMENTATION="rmw_none_cpp")
+    first = errors.splitlines()[0]
+    assert "RMW_IMPLEMENTATION asks for rmw_none_cpp, which is not installed here" in first
+    is_demo = words.startswith("demo")
+    assert ("the demo runs without it" in errors) == is_demo
+    assert ("ROS cannot be loaded" in errors) == is_demo
 
 
 @pytest.mark.parametrize(
@@ -111,14 +108,11 @@ def test_a_middleware_that_is_not_there_is_named_with_the_cure(
         ),
     ],
 )
-def test_an_environment_that_ros_does_not_explain_is_told(
-    environment: dict[str, str], words: str, tmp_path: Path
+def test_an_environment_that_ros_does_not_explain_is_reported(
+    environment: dict[str, str], words: str, broken_ros: Path
 ) -> None:
     """The warning is followed by a ROS that cannot be loaded."""
-    (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
-    assert refused(["node"], f"{tmp_path}:{ROOT}", **environment).startswith(
-        f"knee-contact: {words}"
-    )
+    assert errors_of("node", broken_ros, **environment).startswith(f"knee-contact: {words}")
 
 
 def test_the_bare_command_shows_every_command_in_its_group(
@@ -126,12 +120,8 @@ def test_the_bare_command_shows_every_command_in_its_group(
 ) -> None:
     assert main([]) == 0
     shown = capsys.readouterr().out
-    assert [line for line in shown.splitlines() if line.endswith(":") and line != "Options:"] == [
-        "See it:",
-        "Compute:",
-        "Bring your own data:",
-        "Study:",
-    ]
+    for heading in GROUPS:
+        assert f"\n{heading}:\n" in shown
     assert all(f"\n  {name} " in shown for name in knee_contact.commands)
 
 
@@ -152,14 +142,14 @@ def test_solve_leaves_a_file_and_nothing_beside(
 ) -> None:
     """Two in one folder are two recordings: of the folder none is taken, and both are named."""
     for name in ("a", "b"):
-        assert main(["solve", str(right_bag), "--output", str(tmp_path / f"{name}.mcap")]) == 0
+        assert run(f"solve {right_bag} --output {tmp_path}/{name}.mcap") == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "b.mcap"]
-    assert main(["solve", str(tmp_path / "a.mcap"), "--output", str(tmp_path / "b.mcap")]) == 2
+    assert run(f"solve {tmp_path}/a.mcap --output {tmp_path}/b.mcap") == 2
     assert (
         capsys.readouterr().err
         == f"knee-contact: {tmp_path / 'b.mcap'} exists already; choose another name, or --overwrite\n"
     )
-    assert main(["solve", str(tmp_path), "--output", str(tmp_path / "c.mcap")]) == 2
+    assert run(f"solve {tmp_path} --output {tmp_path}/c.mcap") == 2
     assert capsys.readouterr().err == (
         f"knee-contact: {tmp_path} has more than one recording, and no usable metadata.yaml that names one; "
         "give one of these files: a.mcap, b.mcap\n"
@@ -172,7 +162,7 @@ def test_the_other_recordings_of_a_bags_folder_are_named(
     folder = tmp_path / "bag"
     shutil.copytree(right_bag, folder)
     shutil.copy(folder / "gait2354_right_0.mcap", folder / "later.mcap")
-    assert main(["solve", str(folder), "--output", str(tmp_path / "out.mcap")]) == 0
+    assert run(f"solve {folder} --output {tmp_path}/out.mcap") == 0
     told = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
     assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {told}"
 
@@ -184,26 +174,24 @@ knee_contact_ros.load_model(compiled=True).stream().tick(0.0, 0.3, 700.0)
 
 
 def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["warm"]) == 0
-    first, where = capsys.readouterr().out.splitlines()
-    assert first in ("compiled", "was there already")
-    assert where == f"kept in {kernel.kept_files()[0].parent}"
+    assert run("warm") == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    folder = kernel.kept_files()[0].parent
+    assert line in (f"compiled, in {folder}", f"compiled already, in {folder}")
     done = subprocess.run(
         [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
     )
     assert done.stderr == ""
-    assert (
-        main(["warm", "--params", "mri_knee", "-p", "contact.law:=flores"]) == 0
-    )  # it is for every kind of knee
-    assert capsys.readouterr().out.splitlines()[0] == "was there already"
-    assert main(["warm", "--params", "nowhere"]) == 2
+    # One model is for every kind of knee.
+    assert run("warm --params mri_knee -p contact.law:=flores") == 0
+    assert capsys.readouterr().out == f"compiled already, in {folder}\n"
 
 
 def test_what_cannot_be_kept_is_no_success(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kernel, "kept_files", list)
-    assert main(["warm"]) == 1
+    assert run("warm") == 1
     assert "could not be compiled and kept in " in capsys.readouterr().err
 
 
@@ -212,6 +200,6 @@ def test_without_a_home_one_line_says_what_is_missing(
 ) -> None:
     monkeypatch.setattr(compiler, "folders", lambda _entry: [tmp_path])
     monkeypatch.setattr(kernel, "kept_files", list)
-    assert main(["warm"]) == 2
+    assert run("warm") == 2
     *_, line = capsys.readouterr().err.splitlines()  # before it, maybe, that the model is compiled
     assert "set XDG_CACHE_HOME" in line

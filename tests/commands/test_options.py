@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,15 +14,15 @@ from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import change_record, provenance_record
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.live import replay
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import raw_messages, write_rosbag2
+from tests.helpers.commands import run
 from tests.helpers.needs import HAS_REPORT, needs_viewer
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
@@ -41,26 +40,11 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
     gait = raw_messages(right_bag)[:100]
     plain = write_rosbag2(tmp_path / "plain", gait)
     left = write_rosbag2(tmp_path / "left", gait, name=lambda topic: f"/left{topic}")
-    damping = ["-p", "contact.damping:=900"]
-    assert main(["solve", str(plain), *damping, "--output", str(tmp_path / "a.mcap")]) == 0
-    assert (
-        main(
-            [
-                "solve",
-                str(left),
-                "--namespace",
-                "left",
-                *damping,
-                "--output",
-                str(tmp_path / "b.mcap"),
-            ]
-        )
-        == 0
-    )
-    remaps = [
-        f"--remap={topic}:=/left/{topic}" for topic in ("joint_states", "joint_reaction_force")
-    ]
-    assert main(["solve", str(left), *remaps, "--output", str(tmp_path / "c.mcap")]) == 0
+    damping = "-p contact.damping:=900"
+    remaps = " ".join(f"--remap {topic}:=/left/{topic}" for topic in INPUTS)
+    assert run(f"solve {plain} {damping} --output {tmp_path}/a.mcap") == 0
+    assert run(f"solve {left} --namespace left {damping} --output {tmp_path}/b.mcap") == 0
+    assert run(f"solve {left} {remaps} --output {tmp_path}/c.mcap") == 0
     assert recorded(tmp_path / "a.mcap") == recorded(tmp_path / "b.mcap")
     assert recorded(tmp_path / "a.mcap") != recorded(tmp_path / "c.mcap")  # the damping
     each = [
@@ -72,38 +56,36 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
         write_rosbag2(tmp_path / "early", gait[:50]),
     ]
     for number in (0, 2):  # a recorder a topic, and bags that follow each other, in either order
-        bags = [*map(str, each[number : number + 2])]
-        assert main(["solve", *bags, *damping, "--output", str(tmp_path / f"{number}.mcap")]) == 0
+        one, other = each[number : number + 2]
+        assert run(f"solve {one} {other} {damping} --output {tmp_path}/{number}.mcap") == 0
         assert recorded(tmp_path / f"{number}.mcap") == recorded(tmp_path / "a.mcap")
     assert capsys.readouterr().err == ""  # no progress bar in a pipe
-    assert main(["solve", str(plain), str(plain), "--output", str(tmp_path / "d.mcap")]) == 2
+    assert run(f"solve {plain} {plain} --output {tmp_path}/d.mcap") == 2
     assert capsys.readouterr().err == f"knee-contact: {plain} is given twice\n"
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(next(plain.glob("*.mcap")).read_bytes()[:-100])
-    assert main(["solve", str(plain), str(cut), "--output", str(tmp_path / "e.mcap")]) == 1
+    assert run(f"solve {plain} {cut} --output {tmp_path}/e.mcap") == 1
     assert f"knee-contact: bag {plain} and {cut} is damaged, " in (told := capsys.readouterr().err)
     assert f"{cut}: the end is missing" in told  # by the names that were given
 
 
 @pytest.mark.parametrize(
-    ("arguments", "clock", "bag"),
+    ("words", "clock"),
     [
-        (["bag"], None, "bag"),
-        (["bag", "--clock"], 0.0, "bag"),
-        (["--clock", "bag"], 0.0, "bag"),
-        (["--clock", "--loop", "bag"], 0.0, "bag"),
-        (["--clock", "40", "bag"], 40.0, "bag"),
-        (["bag", "--clock=2.5"], 2.5, "bag"),
+        ("bag", None),
+        ("bag --clock", 0.0),
+        ("--clock bag", 0.0),
+        ("--clock --loop bag", 0.0),
+        ("--clock 40 bag", 40.0),
+        ("bag --clock=2.5", 2.5),
     ],
 )
-def test_the_clocks_rate_may_be_left_out(
-    arguments: list[str], clock: float | None, bag: str
-) -> None:
-    taken = replay.make_context("replay", arguments).params
-    assert (taken["clock"], taken["bag"]) == (clock, Path(bag))
+def test_the_clocks_rate_may_be_left_out(words: str, clock: float | None) -> None:
+    values = replay.make_context("replay", words.split()).params
+    assert (values["clock"], values["bag"]) == (clock, Path("bag"))
 
 
-Said = pytest.CaptureFixture[str]
+Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
@@ -120,39 +102,26 @@ def estimated(walking: Path) -> Path:
     return output
 
 
-@pytest.mark.parametrize("asks", [["load", "-h"], ["estimate-load", "--help"]])
-def test_help_needs_no_ros_and_says_which_topics(asks: list[str]) -> None:
-    code = (
-        "import sys; sys.modules['rclpy'] = None; from knee_contact_ros.commands.main import main; "
-        f"sys.exit(main({asks}))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *asks],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith(f"Usage: knee-contact {asks[0]} ")
-    assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", done.stdout)
+@pytest.mark.parametrize("words", ["load -h", "estimate-load --help"])
+def test_help_needs_no_ros_and_names_the_topics(
+    words: str, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    assert run(words) == 0
+    out, error = capsys.readouterr()
+    assert error == ""
+    assert out.startswith(f"Usage: knee-contact {words.split(maxsplit=1)[0]} ")
+    assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", out)
 
 
 def test_the_table_says_the_level_the_parts_and_how_sure_it_is(
-    walking: Path, tmp_path: Path, capsys: Said
+    walking: Path, tmp_path: Path, capsys: Output
 ) -> None:
     output = tmp_path / "out.mcap"
-    arguments = [
-        "estimate-load",
-        str(walking),
-        "--params",
-        "load/inverse_dynamics",
-        "-p",
-        "person.mass:=80",
-    ]
-    assert main([*arguments, "--output", str(output)]) == 0
-    said = capsys.readouterr()
-    rows = dict(re.findall(r"^ ?((?:  )?[a-z][a-z ]*?)  +(\S.*?) *$", said.out, re.MULTILINE))
+    values = "--params load/inverse_dynamics -p person.mass:=80"
+    assert run(f"estimate-load {walking} {values} --output {output}") == 0
+    printed = capsys.readouterr()
+    rows = dict(re.findall(r"^ ?((?:  )?[a-z][a-z ]*?)  +(\S.*?) *$", printed.out, re.MULTILINE))
     forces = {
         name: float(value.split()[0])
         for name, value in rows.items()
@@ -173,23 +142,23 @@ def test_the_table_says_the_level_the_parts_and_how_sure_it_is(
     assert rows["parameters"] == "load/inverse_dynamics, person.mass:=80"
     assert rows["estimates"] == "240 over 1.20 s"
     assert (rows["samples refused"], rows["estimates flagged"]) == ("0", "0")
-    assert f"Bag: {output}" in said.out
+    assert f"Bag: {output}" in printed.out
 
 
 def test_a_recording_is_computed_again_with_its_own_parameters(
-    estimated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+    estimated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
 ) -> None:
     own = estimate_load_in_python(estimated)
     assert (own == estimate_load_in_python(estimated, WHOLE_LEG)).all()
     other = estimate_load_in_python(estimated, values={"person.tone": 0.5})
     assert (other == estimate_load_in_python(estimated, [WHOLE_LEG, {"person.tone": 0.5}])).all()
     assert (own["axial_force"] < other["axial_force"]).all()
-    assert main(["estimate-load", str(estimated), "--output", str(tmp_path / "again.mcap")]) == 0
+    assert run(f"estimate-load {estimated} --output {tmp_path}/again.mcap") == 0
     assert re.search(r"parameters +those in load\.mcap", capsys.readouterr().out)
     assert (estimate_load_in_python(tmp_path / "again.mcap") == own).all()
 
 
-def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: Said) -> None:
+def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: Output) -> None:
     bag = tmp_path / "changed.mcap"
     with BagWriter(bag) as writer:
         for topic in LOAD_INPUTS:
@@ -201,7 +170,7 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
         writer.add_metadata("parameters_changed", change_record(20, {"diagnostics.timeout": 2.0}))
         for message in walk():
             writer.write_message(message.topic, message.log_time, message.data)
-    assert main(["estimate-load", str(bag), "--output", str(tmp_path / "again.mcap")]) == 0
+    assert run(f"estimate-load {bag} --output {tmp_path}/again.mcap") == 0
     assert "parameters changed 1 times in it; those of its beginning are used" in " ".join(
         capsys.readouterr().err.split()
     )
@@ -209,11 +178,11 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
 
 @pytest.mark.skipif(not HAS_REPORT, reason="needs the extra report")
 def test_a_report_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
-    assert main(["report", str(estimated), "--output", str(tmp_path / "report")]) == 0
+    assert run(f"report {estimated} --output {tmp_path}/report") == 0
     assert (tmp_path / "report" / "report.html").exists()
 
 
 @needs_viewer
 def test_a_view_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
-    assert main(["view", str(estimated), "--save", str(tmp_path / "knee.rrd")]) == 0
+    assert run(f"view {estimated} --save {tmp_path}/knee.rrd") == 0
     assert (tmp_path / "knee.rrd").exists()

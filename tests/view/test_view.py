@@ -30,16 +30,21 @@ from knee_contact_ros.bags.provenance import (
     provenance_record,
 )
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
-from knee_contact_ros.view.output import NOT_INSTALLED, open_output, require_viewer
+from knee_contact_ros.view.output import (
+    DISPLAY_VARIABLES,
+    NOT_INSTALLED,
+    open_output,
+    require_viewer,
+)
 from knee_contact_ros.view.plots import CONTACT_POINT, DETAIL_PLOTS, KNEE_PLOTS, SOLVER_PLOTS
 from tests.helpers.bags import raw_messages
+from tests.helpers.commands import run
 from tests.helpers.processes import NO_BYTECODE, has_ended
 from tests.helpers.viewer import pixels_of, rendered, wait_for, window_of
 from tests.view.scenes import answers_of, column, entities, lists, texts_of
@@ -65,7 +70,7 @@ def test_a_recording_looks_as_it_did_live(
     for answer in answers_of(stream, right_bag):
         live.write([answer.row])
     live.finish(Ending((), {}))
-    assert main(["view", str(osteoarthritic), "--save", str(then)]) == 0
+    assert run(f"view {osteoarthritic} --save {then}") == 0
     seen = entities(now)
     assert seen.pop("/knee/curves/latency")
     assert seen == entities(then)
@@ -81,20 +86,7 @@ def test_bags_are_computed_and_knees_stand_side_by_side(
     osteoarthritic: Path, right_bag: Path, tmp_path: Path
 ) -> None:
     path, bag = tmp_path / "out.rrd", right_bag.with_name("gait2354_left")
-    assert (
-        main(
-            [
-                "view",
-                str(bag),
-                str(osteoarthritic),
-                "-p",
-                "femur.radius:=0.03",
-                "--save",
-                str(path),
-            ]
-        )
-        == 0
-    )
+    assert run(f"view {bag} {osteoarthritic} -p femur.radius:=0.03 --save {path}") == 0
     for knee in ("gait2354_left", "osteoarthritic"):
         for plot in RECORDED:
             if plot.path != CONTACT_POINT or knee == "osteoarthritic":  # that of a circle is still
@@ -107,7 +99,7 @@ def test_doubts_about_a_bag_are_told_and_damage_ends_with_1(
 ) -> None:
     cut, path = tmp_path / "cut.mcap", tmp_path / "out.rrd"
     cut.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
-    assert main(["view", str(cut), "-p", "contact.stiffness:=2500.0", "--save", str(path)]) == 1
+    assert run(f"view {cut} -p contact.stiffness:=2500.0 --save {path}") == 1
     printed, told = capsys.readouterr()
     assert printed == f"Rerun file   {path}\n"
     soft, implausible, damaged = told.splitlines()
@@ -123,7 +115,7 @@ def test_a_recording_from_before_sliding_and_force_error(
     old_recording: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "out.rrd"
-    assert main(["view", str(old_recording), "--save", str(path)]) == 0
+    assert run(f"view {old_recording} --save {path}") == 0
     later = {"sliding_velocity": [0], "force": [0, 1], "error": [0]}
     for plot in RECORDED:
         if plot.path != CONTACT_POINT:
@@ -158,8 +150,8 @@ def test_namespaces_are_knees(
             for message in raw_messages(osteoarthritic, {"/knee_contact": ANSWERS}):
                 for topic in topics:
                     bag.write_message(topic, message.log_time, message.data)
-    arguments = ["--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]
-    assert main(["view", *map(str, paths), *arguments]) == 0
+    bags = " ".join(map(str, paths))
+    assert run(f"view {bags} --params osteoarthritis.yaml --save {tmp_path}/out.rrd") == 0
     assert {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")} == roots
     assert (
         f"{files[0]}.mcap does not hold its parameters: drawn with those of --params"
@@ -185,7 +177,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
                 writer.write_note(RESET, {"tick": "200"})
         writer.write_ending(stream.ending())
     path = tmp_path / "out.rrd"
-    assert main(["view", str(tmp_path / "out.mcap"), "--save", str(path)]) == 0
+    assert run(f"view {tmp_path}/out.mcap --save {path}") == 0
     assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(
         texts_of(path)
     )
@@ -196,71 +188,57 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("words", "reason"),
     [
-        (["nothing.mcap"], "no bag at nothing.mcap"),
-        (["text.mcap", "--save", "out.rrd"], "text.mcap"),
-        (
-            ["RECORDING"],
-            "no screen for a viewer (DISPLAY is not set); say --save OUT.rrd or --serve",
-        ),
-        (["RECORDING", "--save", "old.rrd"], "old.rrd exists already"),
-        (["RECORDING", "--save", "text.mcap/out.rrd"], "text.mcap/out.rrd"),
-        (
-            ["RECORDING", "--save", "out.rrd", "--serve"],
-            "--save and --serve cannot be given together",
-        ),
-        (["RECORDING", "--save", "out.rrd", "--params", "none.yaml"], "none.yaml"),
-        (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be viewed"),
-        (["RECORDING", "--serve", "--port", "80"], "1024"),
-        (["nothing.rrd", "--serve"], "no Rerun file at nothing.rrd"),
-        (["RECORDING", "RECORDING", "--save", "out.rrd"], "is given twice"),
-        (["old.rrd", "--save", "out.rrd"], "old.rrd is a Rerun file"),
-        ([], "FILE"),
+        ("nothing.mcap --save out.rrd", "no bag at nothing.mcap"),
+        ("text.mcap --save out.rrd", "text.mcap"),
+        ("{bag}", "no screen for a viewer (DISPLAY is not set); use --save OUT.rrd or --serve"),
+        ("{bag} --save old.rrd", "old.rrd exists already"),
+        ("{bag} --save text.mcap/out.rrd", "text.mcap/out.rrd"),
+        ("{bag} --save out.rrd --serve", "--save and --serve cannot be given together"),
+        ("{bag} --save out.rrd --params none.yaml", "none.yaml"),
+        ("{bag} rerun+http://127.0.0.1:1/proxy", "can only be viewed"),
+        ("{bag} --serve --port 80", "1024"),
+        ("nothing.rrd --serve", "no Rerun file at nothing.rrd"),
+        ("{bag} {bag} --save out.rrd", "is given twice"),
+        ("old.rrd --save out.rrd", "old.rrd is a Rerun file"),
+        ("", "FILE"),
     ],
 )
-def test_bad_input_is_told_in_one_line(
-    arguments: list[str],
+def test_bad_input_is_refused_in_one_line(
     words: str,
+    reason: str,
     osteoarthritic: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+    for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
     Path("text.mcap").write_text("hello")
     Path("old.rrd").touch()
-    given = [
-        str(osteoarthritic) if argument == "RECORDING" else argument for argument in arguments
-    ]
-    if arguments == ["nothing.mcap"]:
-        given += ["--save", "out.rrd"]
-    assert main(["view", *given]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert len(said.err.splitlines()) == 1
-    assert words in said.err
+    assert run(f"view {words.format(bag=osteoarthritic)}") == 2
+    out, error = capsys.readouterr()
+    assert out == ""
+    assert len(error.splitlines()) == 1
+    assert reason in error
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old.rrd", "text.mcap"]
 
 
 def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) -> None:
     (tmp_path / "old.rrd").write_text("old")
-    assert (
-        main(["view", str(osteoarthritic), "--save", str(tmp_path / "old.rrd"), "--overwrite"])
-        == 0
-    )
+    assert run(f"view {osteoarthritic} --save {tmp_path}/old.rrd --overwrite") == 0
     before = osteoarthritic.read_bytes()
-    assert main(["view", str(osteoarthritic), "--save", str(osteoarthritic), "--overwrite"]) == 2
+    assert run(f"view {osteoarthritic} --save {osteoarthritic} --overwrite") == 2
     assert osteoarthritic.read_bytes() == before
     assert len(column(tmp_path / "old.rrd", "/knee/curves/flexion", "Scalars:scalars")) == 387
 
 
 @contextmanager
-def viewing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def viewing(words: str) -> Iterator[subprocess.Popen[str]]:
     """The command in a process of its own, which is gone afterwards with all that it has started."""
-    command = [sys.executable, "-m", "knee_contact_ros.commands.main", "view", *arguments]
+    command = [sys.executable, "-m", "knee_contact_ros.commands.main", "view", *words.split()]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -276,7 +254,8 @@ def test_browsers_are_served_until_ctrl_c(
     osteoarthritic: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     port = next(port for port in (free_port() for _ in range(100)) if port < 65_000)
-    with viewing(*(arguments := [str(osteoarthritic), "--serve", "--port", str(port)])) as process:
+    words = f"{osteoarthritic} --serve --port {port}"
+    with viewing(words) as process:
 
         def page() -> bytes:
             # While nobody listens, a connection to a port for outgoing ones may be answered by itself.
@@ -299,7 +278,7 @@ def test_browsers_are_served_until_ctrl_c(
         }
         with rendered(f"rerun+http://127.0.0.1:{port}/proxy") as screen:
             assert "knee: events" in screen.views()
-        assert main(["view", *arguments]) == 2
+        assert run(f"view {words}") == 2
         assert f"--port: {port} on 127.0.0.1: Address already in use" in capsys.readouterr().err
         os.kill(process.pid, signal.SIGINT)
         said, errors = process.communicate(timeout=30.0)
@@ -344,10 +323,10 @@ def test_the_viewer_is_found_among_the_packages_of_a_user(
 
 
 @pytest.mark.parametrize(
-    "arguments", [["nowhere.mcap"], ["{bag}", "--save", "out.rrd"], ["rerun+http://127.0.0.1/"]]
+    "words", ["nowhere.mcap", "{bag} --save out.rrd", "rerun+http://127.0.0.1/"]
 )
-def test_the_command_tells_what_to_install(
-    arguments: list[str],
+def test_the_command_says_what_to_install(
+    words: str,
     right_bag: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -355,7 +334,7 @@ def test_the_command_tells_what_to_install(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "rerun_cli", None)
-    assert main(["view", *(each.format(bag=right_bag) for each in arguments)]) == 2
+    assert run(f"view {words.format(bag=right_bag)}") == 2
     assert capsys.readouterr().err == f"knee-contact: {NOT_INSTALLED}\n"
     assert not list(tmp_path.iterdir())
 
@@ -393,7 +372,7 @@ PEAK = 2_430_000_000
 @pytest.fixture(scope="module")
 def scene(osteoarthritic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "knee.rrd"
-    assert main(["view", str(osteoarthritic), "--save", str(path)]) == 0
+    assert run(f"view {osteoarthritic} --save {path}") == 0
     return path
 
 
