@@ -1,29 +1,64 @@
-"""What reports are made of."""
+"""Reports, and what they are made of."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.report import figures
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 
+DEVIATIONS = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
+RUNS = ["right", "right, osteoarthritis", "left", "left, osteoarthritis"]
+"""Runs of `both`"""
 
-@pytest.fixture(scope="module")
+Report = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
 def bags(config: Path) -> tuple[Path, Path]:
     return config.parent / "bags" / "gait2354_right", config.parent / "bags" / "gait2354_left"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def recording(
     tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path], config: Path
 ) -> Path:
     """The right knee as we record it."""
     path = tmp_path_factory.mktemp("recording") / "knee.mcap"
-    solve(
-        bags[0],
-        load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]),
-        path,
-    )
+    parameters = load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}])
+    solve(bags[0], parameters, path)
     return path
+
+
+@pytest.fixture
+def deviations(tmp_path: Path) -> Path:
+    path = tmp_path / "sd.yaml"
+    path.write_text(DEVIATIONS)
+    return path
+
+
+@pytest.fixture(scope="session")
+def both(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> Path:
+    """Both knees, healthy beside osteoarthritic. Tests that look at it run in the group `report`."""
+    output = tmp_path_factory.mktemp("report") / "both"
+    labels = ["--label=right", "--label=left", "--compare=osteoarthritis.yaml"]
+    assert main(["report", *map(str, bags), *labels, f"--output={output}"]) == 0
+    return output
+
+
+@pytest.fixture
+def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Report:
+    """Writes a report with small pictures; gives its folder."""
+    monkeypatch.setattr(figures, "_DOTS_PER_INCH", 20)
+
+    def run(*arguments: object, code: int = 0) -> Path:
+        output = tmp_path / "out"
+        assert main(["report", *map(str, arguments), f"--output={output}"]) == code
+        return output
+
+    return run

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.commands.main import main
 from tests.helpers.browser import requested
 
+pytestmark = pytest.mark.xdist_group("report")
 pytest.importorskip(
     "matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7"
 )
@@ -19,21 +19,9 @@ WIDTHS = (1600, 420)
 """[px] of a desk's screen and of a telephone's"""
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory, config: Path) -> Path:
-    """Both knees with a femur from MRI, healthy beside osteoarthritic: all figures there are."""
-    output = tmp_path_factory.mktemp("browser") / "out"
-    bags = [str(config.parent / "bags" / f"gait2354_{side}") for side in ("right", "left")]
-    parameters = [
-        "--params",
-        "healthy.yaml",
-        "--params",
-        "mri_femur.yaml",
-        "--compare",
-        "osteoarthritis.yaml",
-    ]
-    assert main(["report", *bags, *parameters, "--output", str(output)]) == 0
-    return output / "report.html"
+@pytest.fixture
+def page(both: Path) -> Path:
+    return both / "report.html"
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -50,7 +38,7 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
         ".then(done, error => done(String(error)));"
     )
     assert isinstance(pictures, list), pictures
-    assert len(pictures) == 10
+    assert len(pictures) == 9
     for natural, shown in pictures:
         assert natural > 800
         assert 300 <= shown <= width

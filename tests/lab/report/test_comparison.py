@@ -9,6 +9,7 @@ import pytest
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.runs import differences
 from knee_contact_ros.parameters.files import load_parameters
+from tests.lab.report.conftest import Report
 from tests.lab.report.pages import numbers, runs_of, text_of
 
 pytest.importorskip(
@@ -32,31 +33,24 @@ WHOLE = """/**/knee_contact:
 """
 
 
-@pytest.fixture
-def whole(tmp_path: Path) -> Path:
-    path = tmp_path / "whole.yaml"
-    path.write_text(WHOLE)
-    return path
-
-
 def test_a_heavy_subject_stays_itself(
-    bags: tuple[Path, Path], tmp_path: Path, whole: Path, capsys
+    bags: tuple[Path, Path], tmp_path: Path, report: Report, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """95 kg, a share of 0.6 and a femur of his own: the peaks in BW are the same, whatever the file sets beside."""
+    whole = tmp_path / "whole.yaml"
+    whole.write_text(WHOLE)
     subject = [text for name, value in HEAVY.items() for text in ("-p", f"{name}:={value}")]
-    arguments = ["--compare", str(whole), "--output", str(tmp_path / "out")]
-    assert main(["report", str(bags[0]), *subject, *arguments]) == 0
-    (own, other) = runs_of(tmp_path / "out" / "peaks.csv").values()
+    out = report(bags[0], *subject, "--compare", whole)
+    own, other = runs_of(out / "peaks.csv").values()
     assert [row["load_BW"] for row in own] == [row["load_BW"] for row in other]
     for row in (own[1], other[1]):  # of the shipped right knee 0.5 of it are 1556.9 N
-        assert float(row["load_BW"]) == pytest.approx(1556.9 / 0.5 * 0.6 / 931.6, abs=1e-4)
-        assert float(row["contact_force_BW"]) == pytest.approx(
-            float(row["load_BW"]), abs=0.05
-        )  # hertz rings
+        load = float(row["load_BW"])
+        assert load == pytest.approx(1556.9 / 0.5 * 0.6 / 931.6, abs=1e-4)
+        assert float(row["contact_force_BW"]) == pytest.approx(load, abs=0.05)  # hertz rings
     assert own[1]["penetration_depth_mm"] != other[1]["penetration_depth_mm"]
-    told = "body_weight 931.6 (not 700)"
-    assert told in text_of(tmp_path / "out")
-    assert told in capsys.readouterr().err
+    kept = "body_weight 931.6 (not 700)"
+    assert kept in text_of(out)
+    assert kept in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -89,19 +83,12 @@ def test_what_differs_is_told_as_far_as_it_is_used(
 
 
 def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(
-    bags: tuple[Path, Path], config: Path, tmp_path: Path
+    bags: tuple[Path, Path], recording: Path, tmp_path: Path, report: Report
 ) -> None:
-    recordings = [tmp_path / folder / "knee.mcap" for folder in ("first", "second")]
-    for recording, file in zip(recordings, ("healthy", "osteoarthritis"), strict=True):
-        recording.parent.mkdir()
-        assert main(["solve", str(bags[0]), "--params", file, "--output", str(recording)]) == 0
-    compare = ["--compare", str(config / "osteoarthritis.yaml"), "--output", str(tmp_path / "out")]
-    assert main(["report", *map(str, recordings), *compare]) == 0
-    runs = runs_of(tmp_path / "out" / "peaks.csv")
-    assert [label.split(",")[0] for label in runs] == [
-        "knee (1)",
-        "knee (1)",
-        "knee (2)",
-        "knee (2)",
-    ]
+    healthy = tmp_path / recording.name
+    assert main(["solve", str(bags[0]), "--params=healthy", f"--output={healthy}"]) == 0
+    out = report(healthy, recording, "--compare=osteoarthritis.yaml")
+    runs = runs_of(out / "peaks.csv")
+    names = [label.split(",")[0] for label in runs]
+    assert names == ["knee (1)", "knee (1)", "knee (2)", "knee (2)"]
     assert all(len(numbers(rows, "load_N")) == 4 for rows in runs.values())

@@ -76,12 +76,9 @@ def test_walking_has_its_cycles() -> None:
                 np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(fine)), rel=1e-6
             )
         inside = (time > begin) & (time <= end)
-        assert numbers["bone_contact_s"] == pytest.approx(
-            (state[inside] == 2.0).sum() / rate, abs=1.0 / rate
-        )
-        assert numbers["lifted_off_s"] == pytest.approx(
-            (state[inside] == 0.0).sum() / rate, abs=1.0 / rate
-        )
+        for name, each in (("bone_contact_s", 2.0), ("lifted_off_s", 0.0)):
+            lasted = (state[inside] == each).sum() / rate
+            assert numbers[name] == pytest.approx(lasted, abs=1.0 / rate)
         touching = numbers["duration_s"] - numbers["lifted_off_s"]
         assert numbers["sliding_distance_mm"] == pytest.approx(30.0 * touching, rel=1e-9)
         assert numbers["largest_sliding_velocity_mm_per_s"] == 30.0
