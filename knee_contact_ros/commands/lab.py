@@ -404,8 +404,8 @@ def trade(
     from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.folder import files_of, others_beside
     from knee_contact_ros.lab.trade import draw, measure, show
+    from knee_contact_ros.offline.bag_parameters import basis_of, resolved_parameters, weight_doubt
     from knee_contact_ros.offline.notebooks import answers_of
-    from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
 
     require("trade", "matplotlib")
     check_writable(picture)
@@ -418,7 +418,7 @@ def trade(
             raise UsageError(
                 f"bag {bag}: only one tick could be computed, but errors need at least two"
             )
-        doubts = weight_doubt(opened, parameters_in(basis))
+        doubts = weight_doubt(opened, resolved_parameters(basis))
     warn([*others_beside(bag), *doubts, *summary.warnings])
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)

@@ -103,7 +103,12 @@ def solve(
     from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.commands.tables import show_summary
-    from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
+    from knee_contact_ros.offline.bag_parameters import (
+        Subject,
+        basis_of,
+        resolved_parameters,
+        weight_doubt,
+    )
     from knee_contact_ros.offline.solve import solve as solve_bag
 
     person = Subject(subject) if subject else None
@@ -127,7 +132,7 @@ def solve(
             else files
         )
         rows = {"parameters": ", ".join(map(str, [*sources, *given.parameter_values]))}
-        parameters = parameters_in(basis)
+        parameters = resolved_parameters(basis)
         if parameters.load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
         if bag.body_weight == parameters.body_weight:
@@ -161,9 +166,9 @@ def estimate_load(
     from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.commands.tables import show_load
+    from knee_contact_ros.offline.bag_parameters import weight_doubt
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.offline.estimate_load import load_parameters_for
-    from knee_contact_ros.offline.solve import weight_doubt
     from knee_contact_ros.streams.topics import LOAD_INPUTS
 
     with Bag(bag) as opened:

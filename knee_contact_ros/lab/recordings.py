@@ -14,7 +14,8 @@ from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
-from knee_contact_ros.offline.solve import parameters_in, solve
+from knee_contact_ros.offline.bag_parameters import resolved_parameters
+from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import PROVENANCE
@@ -106,7 +107,7 @@ def read_recording(
     stamps, height = rows[0]["stamp"].copy(), rows[0]["femoral_height"].copy()
     steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
     steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
-    if parameters_in(basis).drive != "displacement":
+    if resolved_parameters(basis).drive != "displacement":
         height[:] = np.nan
     doubts = tuple(filter(None, (*summary.warnings, summary.unanswered)))
     return Recording(

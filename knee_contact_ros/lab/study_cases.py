@@ -28,7 +28,7 @@ from knee_contact_ros.lab.shards import brief_reason, is_address
 from knee_contact_ros.lab.study_file import Study
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
-from knee_contact_ros.offline.solve import with_weight
+from knee_contact_ros.offline.bag_parameters import with_body_weight
 from knee_contact_ros.parameters.files import all_values, variations_of
 from knee_contact_ros.parameters.schema import LATERAL_PREFIX as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
@@ -155,7 +155,7 @@ def groups_of(study: Study) -> list[CaseGroup]:
                 )
         ticks = max(1, size // BYTES_A_TICK)
         for _, params in knees:
-            parameters = with_weight([*params, study.values], weight)
+            parameters = with_body_weight([*params, study.values], weight)
             texts = dict[str, str]()
             file_texts(parameters, texts)
             shared = params, parameters, texts, variations_of(parameters)

@@ -14,8 +14,8 @@ from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_text
 from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_of
 from knee_contact_ros.model.kernel import worth_compiling
+from knee_contact_ros.offline.bag_parameters import parameters_for
 from knee_contact_ros.offline.notebooks import Name, in_python_words, warn_of
-from knee_contact_ros.offline.solve import parameters_for
 from knee_contact_ros.parameters.files import (
     ParameterSource,
     check_value,

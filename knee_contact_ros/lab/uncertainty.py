@@ -25,8 +25,8 @@ from knee_contact_ros.lab.knees import Knees, compute
 from knee_contact_ros.lab.recordings import Recording, read_recording
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import Floats, Rows
+from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
-from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import (
     ParameterSource,
     all_values,
@@ -244,7 +244,7 @@ def propagated(
         UsageError: an argument cannot be used, parameters changed while the recording was made, or an input or a
             parameter leaves its range by one deviation both upwards and downwards.
     """
-    parameters, texts = parameters_in(basis), texts_of(basis)
+    parameters, texts = resolved_parameters(basis), file_contents(basis)
     deviations = deviations_of(sizes, parameters)
     if isinstance(basis, Provenance) and basis.changes:
         raise UsageError(

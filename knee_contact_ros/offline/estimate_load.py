@@ -17,13 +17,8 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
-from knee_contact_ros.offline.solve import (
-    finish,
-    nothing_computed,
-    parameters_for,
-    recorded,
-    recording_of,
-)
+from knee_contact_ros.offline.bag_parameters import parameters_for
+from knee_contact_ros.offline.solve import finish, nothing_computed, recorded, recording_of
 from knee_contact_ros.parameters.load_schema import LoadParameters, PersonSection
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE

@@ -19,9 +19,15 @@ from knee_contact_ros.bags.names import Names, names_in_bag
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
+from knee_contact_ros.offline.bag_parameters import (
+    Subject,
+    basis_of,
+    file_contents,
+    resolved_parameters,
+    weight_doubt,
+)
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
 from knee_contact_ros.offline.estimate_load import load_parameters_for
-from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of, weight_doubt
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import ParameterSource, dotted
@@ -89,7 +95,11 @@ def solve(
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         written = check_output(Path(output), "output", ".mcap") if output else None
         results, summary = answers_of(path, basis, names, written, overwrite, compiled)
-        doubts = [*weight_doubt(path, parameters_in(basis)), *summary.warnings, summary.unanswered]
+        doubts = [
+            *weight_doubt(path, resolved_parameters(basis)),
+            *summary.warnings,
+            summary.unanswered,
+        ]
         warn_of(path, "solved", doubts, summary.damage)
     return results
 
@@ -131,7 +141,8 @@ def _models(basis: Parameters | Provenance) -> list[KneeModel]:
     if isinstance(basis, Provenance) and basis.changes:
         return []
     return [
-        compartment.model for compartment in compartments_of(parameters_in(basis), texts_of(basis))
+        compartment.model
+        for compartment in compartments_of(resolved_parameters(basis), file_contents(basis))
     ]
 
 

@@ -7,12 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydantic import Field, ValidationError
 
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.bag_file import Batch
@@ -26,27 +23,20 @@ from knee_contact_ros.bags.provenance import (
     Provenance,
     change_record,
     provenance_record,
-    read_provenance,
-    with_values,
 )
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
-from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
+from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import (
-    ParameterSource,
     all_values,
-    curve_texts,
-    dotted,
-    first_error,
     load_parameters,
 )
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters, constants_of, has_two_compartments
-from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
@@ -54,12 +44,9 @@ from knee_contact_ros.streams.pairing import Pipeline
 from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, find_file, read_mapping
 from knee_contact_ros.system.output_files import check_not_input
 from knee_contact_ros.system.progress import OnProgress, no_progress
 
-SAME_WEIGHT = 0.01
-"""Largest relative difference of body weights that count as equal"""
 BLOCK = 8192
 """Number of messages in a block: a few MB, but enough that handling a block costs almost nothing"""
 SOURCE_DAMAGE = "source_damage"
@@ -101,8 +88,8 @@ def solve(
         UsageError: the bag or the output cannot be used, or no tick could be computed. No output is left then.
     """
     recording = basis if isinstance(basis, Provenance) else None
-    parameters = parameters_in(basis)
-    curves = texts_of(basis) if curves is None else curves
+    parameters = resolved_parameters(basis)
+    curves = file_contents(basis) if curves is None else curves
     with ExitStack() as opened:
         bag = opened.enter_context(opened_bag(bag))
         inputs = BagInputs(bag, parameters, names)
@@ -222,20 +209,6 @@ def nothing_computed(bag: Bag, what: str, pipeline: Pipeline, damage: Sequence[s
     return UsageError(f"bag {bag.path}: no {what} ({why}){damaged}")
 
 
-def parameters_in(basis: Parameters | Provenance) -> Parameters:
-    """Return the parameters that a bag is computed with: given ones, or those of a recording."""
-    return basis.parameters if isinstance(basis, Provenance) else basis
-
-
-def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
-    """Return the contents of the files that parameters name, by parameter.
-
-    Raises:
-        UsageError: a file cannot be read, or its contents are not in the recording.
-    """
-    return basis.file_contents() if isinstance(basis, Provenance) else curve_texts(basis, {})
-
-
 @dataclass
 class Run:
     """Pipeline that takes blocks of messages; its answers are recorded and passed on."""
@@ -316,166 +289,3 @@ class Run:
                     f"the recording has a change after {tick} ticks that cannot be made: {error}"
                 ) from None
             self._note(PARAMETERS_CHANGED, change_record(tick, values))
-
-
-FEMORAL_SHARE = 9.3014 / 75.16
-"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
-
-
-def basis_of(
-    bag: Path | Bag,
-    params: ParameterSource | None,
-    values: Mapping[str, Any],
-    person: Subject | None,
-    namespace: str = "",
-) -> Parameters | Provenance:
-    """Parameters to compute a bag with: the given ones, else those in a recording, else the healthy knee.
-
-    `values`, by dotted names, override `params`, and `params` override the subject file of a `person`. Of parameter
-    files, the sections for a node in `namespace` are used.
-
-    Raises:
-        UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
-    """
-    stored = read_provenance(bag) if params is None and person is None else None
-    if stored:
-        return with_values(stored, values)
-    if params is None:
-        params = () if person else DEFAULT_PARAMETERS
-    given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
-    sources = [*(person.sources() if person else ()), *given, values]
-    parameters: Parameters = parameters_for(bag, sources, namespace)
-    law, thickness = parameters.contact.law, person.content.thickness if person else None
-    if person and thickness is not None and "layer_depth" not in constants_of(law):
-        raise UsageError(
-            f"subject file {person.path}: thickness: {thickness:g} is not used by contact.law {law}"
-        )
-    return parameters
-
-
-def parameters_for(
-    bag: Path | Bag, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters
-) -> Any:
-    """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
-
-    Raises:
-        UsageError: as for `load_parameters`.
-    """
-    with opened_bag(bag) as open_bag:
-        weight = open_bag.body_weight
-    return with_weight(sources, weight, namespace, schema)
-
-
-def with_weight(
-    sources: Sequence[Any], weight: float | None, namespace: str = "", schema: Any = Parameters
-) -> Any:
-    """Load parameters for a body weight [N], unless the sources set another one; see `parameters_for`."""
-    parameters, default = (
-        load_parameters(list(sources), schema, namespace),
-        load_parameters([], schema),
-    )
-    name, per_newton = (
-        ("person.mass", 1.0 / GRAVITY) if schema is LoadParameters else ("body_weight", 1.0)
-    )
-    said = any(isinstance(source, Mapping) and name in dotted(source) for source in sources)
-    if weight is None or said or attrgetter(name)(parameters) != attrgetter(name)(default):
-        return parameters
-    return load_parameters([*sources, {name: weight * per_newton}], schema, namespace)
-
-
-def weight_doubt(bag: Path | Bag, parameters: Parameters | LoadParameters) -> list[str]:
-    """Sentence that a bag was imported with another body weight than the parameters have; empty list if not."""
-    with opened_bag(bag) as open_bag:
-        weight, path = open_bag.body_weight, open_bag.path
-    mass = isinstance(parameters, LoadParameters)
-    used = (
-        parameters.person.mass * GRAVITY
-        if isinstance(parameters, LoadParameters)
-        else parameters.body_weight
-    )
-    if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
-        return []
-    said = f"person.mass {used / GRAVITY:.7g} kg" if mass else f"body_weight {used:.7g} N"
-    return [f"{said} is used as you gave it, but bag {path} was imported with {weight:.7g} N"]
-
-
-class SubjectFile(Section):
-    """Content of a subject file: properties of a person's knee, and the gait to compute."""
-
-    name: str = ""
-    """Name of the person; it is not used"""
-    mass: float = Field(ge=1.0, le=500.0)
-    """Mass of the body [kg]"""
-    parameters: list[str] = Field([DEFAULT_PARAMETERS], min_length=1)
-    """Parameter files; a later one overrides earlier ones"""
-    profile: str = ""
-    """CSV file of the femoral profile, x and y [m]; empty for none"""
-    tibial_profile: str = ""
-    """CSV file of the tibial profile, x and y [m]; empty for none"""
-    scale: float = Field(1.0, ge=0.2, le=5.0)
-    """Factor by which this knee is larger than the given surfaces"""
-    thickness: float | None = Field(None, gt=0.0, le=0.1)
-    """Thickness of the cartilage [m], at which the bone's stiffness begins; None keeps the parameter"""
-    joint: str = ""
-    """Name of the knee's joint in joint_states; empty keeps the parameter"""
-    bag: str = ""
-    """Bag with the gait; empty for none"""
-
-
-class Subject:
-    """Subject of a subject file; the files that it names are in its folder, or among the package's own."""
-
-    def __init__(self, path: Path) -> None:
-        """Read a subject file.
-
-        Raises:
-            UsageError: it cannot be read, or has an entry that is not allowed.
-        """
-        self.path = path
-        mapping = read_mapping(path, "subject file", "names to values")
-        try:
-            self.content = SubjectFile.model_validate(dict(mapping))
-        except ValidationError as error:
-            raise UsageError(f"subject file {path}: {first_error(error)}") from None
-
-    @property
-    def bag(self) -> Path | None:
-        """Gait bag that the file names; None if it names none."""
-        return self._file(self.content.bag) if self.content.bag else None
-
-    def sources(self) -> list[Path | Mapping[str, Any]]:
-        """Sources for `load_parameters`: the subject's parameter files, and its own values, which override them.
-
-        Raises:
-            UsageError: one of the parameter files cannot be used.
-        """
-        content, files = self.content, [self._file(name) for name in self.content.parameters]
-        before = load_parameters(files)
-        values: dict[str, Any] = {
-            "body_weight": content.mass * GRAVITY,
-            "femur.mass": content.mass * FEMORAL_SHARE,
-        }
-        if content.thickness is not None:
-            values["contact.layer_depth"] = content.thickness
-        if content.joint:
-            values["knee.joint_name"] = content.joint
-        surfaces = (
-            ("femur", content.profile, before.femur),
-            ("tibia", content.tibial_profile, before.tibia),
-        )
-        for bone, profile, surface in surfaces:
-            if profile:
-                values |= {
-                    f"{bone}.geometry": "profile",
-                    f"{bone}.profile": str(self._file(profile)),
-                }
-            if profile or surface.geometry == "profile":
-                values[f"{bone}.scale"] = content.scale
-            elif surface.geometry == "circle":
-                values[f"{bone}.radius"] = surface.radius * content.scale
-        return [*files, values]
-
-    def _file(self, name: str) -> Path:
-        path = expand_user(name)
-        beside = self.path.parent / path
-        return path if path.is_absolute() else beside if beside.exists() else find_file(name)

@@ -20,7 +20,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.knee import BUDGET, KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer, Range
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.offline.solve import Subject
+from knee_contact_ros.offline.bag_parameters import Subject
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.files import load_parameters

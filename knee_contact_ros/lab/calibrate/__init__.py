@@ -20,8 +20,8 @@ from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, Proble
 from knee_contact_ros.lab.calibrate.intervals import Interval, doubts, find_intervals
 from knee_contact_ros.lab.calibrate.unknowns import Free, Unknown, unknowns_of
 from knee_contact_ros.model.types import Floats
+from knee_contact_ros.offline.bag_parameters import parameters_for
 from knee_contact_ros.offline.notebooks import Name, in_python_words
-from knee_contact_ros.offline.solve import parameters_for
 from knee_contact_ros.parameters.files import load_parameters, parameter_text
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters

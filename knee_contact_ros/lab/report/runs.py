@@ -28,13 +28,13 @@ from knee_contact_ros.lab.uncertainty import Propagated, propagated
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT
-from knee_contact_ros.offline.solve import (
+from knee_contact_ros.offline.bag_parameters import (
+    file_contents,
     parameters_for,
-    parameters_in,
-    solve,
-    texts_of,
+    resolved_parameters,
     weight_doubt,
 )
+from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
@@ -367,10 +367,10 @@ def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) 
     stored = basis if isinstance(basis, Provenance) else None
     model: KneeModel | None = None
     try:
-        own, texts = answering(topic, parameters_in(basis), texts_of(basis))
+        own, texts = answering(topic, resolved_parameters(basis), file_contents(basis))
         model = build_model(own, curves=texts)
     except UsageError:  # a file that the parameters name is missing
-        own, _ = answering(topic, parameters_in(basis), {})
+        own, _ = answering(topic, resolved_parameters(basis), {})
     doubts = doubts_about(own, model) if model else Doubts()
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch
