@@ -48,6 +48,16 @@ def stamps_of(path: Path) -> list[int]:
         ]
 
 
+def sequences(paths: list[Path]) -> dict[str, list[int]]:
+    """The sequence numbers of the messages of several files, by topic."""
+    found: dict[str, list[int]] = {}
+    for path in paths:
+        with path.open("rb") as file:
+            for _, channel, message in make_reader(file).iter_messages():
+                found.setdefault(channel.topic, []).append(message.sequence)
+    return found
+
+
 def names(folder: Path) -> list[str]:
     """Of all files."""
     return sorted(path.name for path in folder.iterdir())
@@ -62,6 +72,9 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
     assert [stamps_of(tmp_path / name) for name in files] == [
         [n for n in span for _ in range(TICK)] for span in spans
     ]
+    numbers = sequences([tmp_path / name for name in files])
+    assert len(numbers) == TICK
+    assert all(each == list(range(250)) for each in numbers.values())
     found = information(tmp_path)
     assert found["version"] == 9
     assert found["relative_file_paths"] == files
