@@ -230,7 +230,7 @@ def compute(
 
     if runs:
         # The kernel is made before the threads, which would each wait for it.
-        runs[0][2].model.kernel()
+        runs[0][2].model.kernel_for()
     count = max(1, ANSWERS_AT_ONCE // ticks)
     parts = [runs[first : first + count] for first in range(0, len(runs), count)]
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:

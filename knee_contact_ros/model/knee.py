@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from knee_contact_ros.model import ticks
 from knee_contact_ros.model.closest import Closest
@@ -21,9 +21,18 @@ from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import ContactPair
-from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank_answers
+from knee_contact_ros.model.types import (
+    NANOSECOND,
+    ROW,
+    Contact,
+    Floats,
+    Rows,
+    Stamps,
+    blank_answers,
+)
 
-INPUTS = ("flexion_angle", "load", "femoral_height")
+_SAMPLE = ("flexion_angle", "load", "femoral_height")
+"""Names of the numbers of a sample, in messages"""
 LARGEST_TIME = 9e9
 """Time [s] beyond which integer nanoseconds do not reach: 285 years."""
 LARGEST_LOAD = 1e6
@@ -32,9 +41,11 @@ LARGEST_ANGLE = 10.0
 """Flexion angle [rad] above which a sample must be a fault of its source."""
 LARGEST_HEIGHT = 10.0
 """Prescribed femoral height [m] above which a sample must be a fault of its source."""
-BUDGET, MOST_BUDGET = 20_000, 100_000
-"""Default of the largest number of contact law evaluations in a tick; and the number that 0 stands for"""
-PLAUSIBLE_SHARE = 0.2
+BUDGET = 20_000
+"""Default of the largest number of contact law evaluations in a tick"""
+MOST_BUDGET = 100_000
+"""Largest number of contact law evaluations in a tick if the budget is 0"""
+_PLAUSIBLE_SHARE = 0.2
 """Fraction of the femoral radius above which a depth is implausible: 6.8 mm of 34 mm, that is 4 mm of cartilage pressed
 flat and nearly as much bone. Contact laws are valid for depths that are small compared with the radius."""
 
@@ -88,10 +99,10 @@ class KneeModel:
         check(self.law)
 
     def __repr__(self) -> str:
-        return f"<KneeModel: {self.parts}>"
+        return f"<KneeModel: {self.description}>"
 
     @property
-    def parts(self) -> str:
+    def description(self) -> str:
         """Surfaces, mechanism, law and drive of the model, in one line for a person."""
         drive = "displacement drive" if self.height_prescribed else "force drive"
         return f"{self.pair}, contact law in {len(self.law.layers)} layer(s), {drive}"
@@ -104,7 +115,7 @@ class KneeModel:
     @property
     def plausible_depth(self) -> float:
         """Depth [m] above which an answer is `IMPLAUSIBLE`: a fraction of the radius, at most the law's thickness."""
-        return min(PLAUSIBLE_SHARE * self.femoral_radius, self.law.thickness)
+        return min(_PLAUSIBLE_SHARE * self.femoral_radius, self.law.thickness)
 
     @property
     def cartilage_thickness(self) -> float:
@@ -113,7 +124,7 @@ class KneeModel:
         return layers[1].begin if len(layers) > 1 else math.inf
 
     @cached_property
-    def knee(self) -> KneeConstants:
+    def constants(self) -> KneeConstants:
         """The model in the form that the kernel takes: numbers, arrays and named tuples."""
         return KneeConstants(
             surfaces=self.pair.surfaces,
@@ -129,11 +140,10 @@ class KneeModel:
             plausible_depth=float(self.plausible_depth),
         )
 
-    def kernel(self, number: int | None = None) -> Callable[..., None]:
+    def kernel_for(self, number: int | None = None) -> Callable[..., None]:
         """Return the function for a number of ticks (None: unknown): `ticks.run` or its compiled twin."""
-        if self.compiled is False or (self.compiled is None and not worth_compiling(number)):
-            return ticks.run
-        return compiled_run() or ticks.run
+        compiles = worth_compiling(number) if self.compiled is None else self.compiled
+        return (compiled_run() if compiles else None) or ticks.run
 
     def compute(self, samples: Floats, answers: Rows, state: Floats | None = None) -> None:
         """Compute a run, or continue one, into rows of answers, without checks; see `ticks.run`.
@@ -142,7 +152,8 @@ class KneeModel:
         [m] or NaN. Stamps and latencies of `answers` are left as they are.
         """
         state = np.zeros(ticks.STATE_SIZE) if state is None else state
-        self.kernel(len(samples))(self.knee, state, samples, *kernel_views(answers))
+        run = self.kernel_for(len(samples))
+        run(self.constants, state, samples, *kernel_views(answers))
 
     def stream(self) -> Stream:
         """Start a run that is given one tick at a time.
@@ -188,28 +199,25 @@ class KneeModel:
             >>> answers.contact_force.round(1)
             array([700. , 801.7, 900.1])
         """
-        given = (
-            (time, flexion_angle, load)
-            if femoral_height is None
-            else (time, flexion_angle, load, femoral_height)
-        )
+        given = [time, flexion_angle, load]
+        if femoral_height is not None:
+            given.append(femoral_height)
+        names = f"time, {_listed(_SAMPLE[: len(given) - 1])}"
         if any(map(np.ma.is_masked, given)):
-            raise ValueError(f"time, {_listed(INPUTS[: len(given) - 1])} must not be masked")
+            raise ValueError(f"{names} must not be masked")
         columns = [np.asarray(column, dtype=float) for column in given]
-        if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
+        times, angles, loads, *heights = columns
+        if any(column.ndim != 1 or column.shape != times.shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)
-            raise ValueError(
-                f"time, {_listed(INPUTS[: len(given) - 1])} must be one-dimensional and of equal length, got {shapes}"
-            )
-        time_, angles, loads, *heights = columns
+            raise ValueError(f"{names} must be one-dimensional and of equal length, got {shapes}")
         _check_limits(columns[1:])
-        stamps = np.rint(time_ / NANOSECOND)
-        if not (np.abs(time_) < LARGEST_TIME).all() or (np.diff(stamps) <= 0.0).any():
+        stamps = np.rint(times / NANOSECOND)
+        if not (np.abs(times) < LARGEST_TIME).all() or (np.diff(stamps) <= 0.0).any():
             raise ValueError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
         self.check_drive(bool(heights))
         durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
-        answers = blank_answers(len(time_))
-        height = heights[0] if heights else np.full(len(time_), math.nan)
+        height = heights[0] if heights else np.full(len(times), math.nan)
+        answers = blank_answers(len(times))
         self.compute(np.column_stack([durations, angles, loads, height]), answers)
         answers["stamp"] = stamps
         inputs = InputCheck(load_driven=not heights)
@@ -283,12 +291,9 @@ class KneeModel:
             ValueError: a femoral height is needed but not given, or given but not needed.
         """
         if self.height_prescribed != height_given:
-            needs = (
-                "needs a femoral_height" if self.height_prescribed else "takes no femoral_height"
-            )
-            raise ValueError(
-                f"drive {'displacement' if self.height_prescribed else 'force'} {needs}"
-            )
+            if self.height_prescribed:
+                raise ValueError("drive displacement needs a femoral_height")
+            raise ValueError("drive force takes no femoral_height")
 
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
@@ -318,9 +323,8 @@ class Stream:
 
     def __post_init__(self) -> None:
         self.answer = blank_answers(1)
-        self._answered_stamp = self.answer[
-            "stamp"
-        ]  # to look a field up takes as long as to find the contact
+        # To look a field up takes as long as to find the contact.
+        self._answered_stamp = self.answer["stamp"]
         self.latency = self.answer["latency"]
         """The `latency` field of `answer` [s], shape (1,), for callers that measure it"""
         self._stamp: int | None = None
@@ -328,37 +332,35 @@ class Stream:
         self._state = np.zeros(ticks.STATE_SIZE)
         self._sample = np.zeros((1, 4))
         self._views = kernel_views(self.answer)
-        self._run, self._knee = self.model.kernel(), self.model.knee
+        self._run = self.model.kernel_for()
+        self._constants = self.model.constants
 
     def __repr__(self) -> str:
         at = "no tick yet" if self._stamp is None else f"at {self._stamp * NANOSECOND:.9g} s"
-        return f"<Stream {at}: {self.model.parts}>"
+        return f"<Stream {at}: {self.model.description}>"
 
-    def go_on_with(self, model: KneeModel) -> None:
+    def continue_with(self, model: KneeModel) -> None:
         """Continue the run with another model of the same drive, from the present state instead of from rest.
 
         A quasi-static model is always at the static contact of its own law. Its distance from the present state is an
         error of the next answers until it has decayed.
         """
         self.model = replace(model, compiled=self.model.compiled)
-        self._knee, state = self.model.knee, self._state
+        self._constants = self.model.constants
+        state = self._state
         if state[ticks.BEGUN] == 0.0 or self._height_prescribed:
             return
         state[ticks.TRY_STEP] = math.inf
-        if self._knee.level == ticks.QUASI_STATIC:
+        if self._constants.level == ticks.QUASI_STATIC:
             rest = np.zeros(ticks.STATE_SIZE)
             sample = np.array([[0.0, state[ticks.ANGLE], state[ticks.LOAD], math.nan]])
-            self._run(
-                self._knee._replace(budget=MOST_BUDGET),
-                rest,
-                sample,
-                *kernel_views(blank_answers(1)),
-            )
+            unhurried = self._constants._replace(budget=MOST_BUDGET)
+            self._run(unhurried, rest, sample, *kernel_views(blank_answers(1)))
             state[ticks.E_HEIGHT] += rest[ticks.HEIGHT] - state[ticks.HEIGHT]
             for place in (ticks.HEIGHT, ticks.STIFFNESS, ticks.SLOPE_DAMPING):
                 state[place] = rest[place]
 
-    def lose(self) -> None:
+    def mark_state_lost(self) -> None:
         """Declare the state after the first tick unknown: answers are `NOT_CONVERGED` until the contact forgets it.
 
         This is for a run that begins in the middle of a motion, and so not at rest.
@@ -392,9 +394,8 @@ class Stream:
     ) -> Contact:
         """Advance to an integer stamp [ns] and return the answer; otherwise as `tick`."""
         self.advance(stamp, flexion_angle, load, femoral_height)
-        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[
-            0
-        ]  # all bytes of it; a copy leaves out padding
+        # A copy of the row would leave out its padding; these are all its bytes.
+        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]
         return contact
 
     def advance(
@@ -412,10 +413,9 @@ class Stream:
         if self._height_prescribed or femoral_height is not None:
             self.model.check_drive(femoral_height is not None)
         height = math.nan if femoral_height is None else femoral_height
-        if not (
-            -LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE
-            and -LARGEST_LOAD <= load <= LARGEST_LOAD
-        ) or not (femoral_height is None or abs(height) <= LARGEST_HEIGHT):
+        allowed = -LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE
+        allowed = allowed and -LARGEST_LOAD <= load <= LARGEST_LOAD
+        if not allowed or (femoral_height is not None and not abs(height) <= LARGEST_HEIGHT):
             _refuse(flexion_angle, load, femoral_height)
         last = self._stamp
         if last is None:
@@ -426,11 +426,11 @@ class Stream:
             raise ValueError(f"time must increase: {stamp} ns after {last} ns")
         self._answered_stamp[0] = stamp
         self._sample[0] = duration, flexion_angle, load, height
-        self._run(self._knee, self._state, self._sample, *self._views)
+        self._run(self._constants, self._state, self._sample, *self._views)
         self._stamp = stamp
 
     def advance_all(
-        self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None
+        self, stamps: Stamps, angles: Floats, loads: Floats, heights: Floats | None
     ) -> Rows:
         """Advance through many ticks and return their answers, shape (n,).
 
@@ -442,14 +442,14 @@ class Stream:
         _check_limits([angles, loads] if heights is None else [angles, loads, heights])
         self.model.check_drive(heights is not None)
         steps = np.diff(stamps, prepend=stamps[:1] if self._stamp is None else self._stamp)
-        if (steps[0 if self._stamp is not None else 1 :] <= 0).any():
+        first = 1 if self._stamp is None else 0
+        if (steps[first:] <= 0).any():
             raise ValueError("time must increase")
+        height = np.full(len(stamps), math.nan) if heights is None else heights
+        samples = np.column_stack([steps * NANOSECOND, angles, loads, height])
         answers = blank_answers(len(stamps))
         answers["stamp"] = stamps
-        height = np.full(len(stamps), math.nan) if heights is None else heights
-        self.model.compute(
-            np.column_stack([steps * NANOSECOND, angles, loads, height]), answers, self._state
-        )
+        self.model.compute(samples, answers, self._state)
         self._stamp = int(stamps[-1])
         return answers
 
@@ -476,13 +476,13 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
         ValueError: always.
     """
     given = [value for value in (angle, load, height) if value is not None]
-    names, got = _listed(INPUTS[: len(given)]), ", ".join(map(str, given))
+    names = _listed(_SAMPLE[: len(given)])
+    got = ", ".join(map(str, given))
     if not all(map(math.isfinite, given)):
         raise ValueError(f"{names} must be finite, got {got}")
-    limits = _listed(
-        (f"{LARGEST_ANGLE:g} rad", f"{LARGEST_LOAD:g} N", f"{LARGEST_HEIGHT:g} m")[: len(given)]
-    )
-    raise ValueError(f"{names} must not exceed {limits}, got {got}{degrees_hint(angle)}")
+    limits = f"{LARGEST_ANGLE:g} rad", f"{LARGEST_LOAD:g} N", f"{LARGEST_HEIGHT:g} m"
+    listed = _listed(limits[: len(given)])
+    raise ValueError(f"{names} must not exceed {listed}, got {got}{degrees_hint(angle)}")
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.statics import plain_static_depth
-from knee_contact_ros.model.types import NANOSECOND, ContactState, Rows, Status
+from knee_contact_ros.model.types import NANOSECOND, ContactState, Floats, Rows, Status
 
 Readings = NDArray[Any]
 """Readouts of answers: an array of `READOUTS`, shape (n,)"""
@@ -41,16 +41,8 @@ READOUTS = np.dtype(
         ("loading_rate", "f8"),  # [N/s] of the contact force since the tick before
     ]
 )
-SPREAD = ("half_width", "mean_pressure", "peak_pressure", "strain")
+READOUTS_OF_LAW = ("half_width", "mean_pressure", "peak_pressure", "strain")
 """Names of the readouts that depend on the contact law"""
-UNITS = {
-    "half_width": "m",
-    "mean_pressure": "Pa",
-    "peak_pressure": "Pa",
-    "strain": "",
-    "loading_rate": "N/s",
-}
-"""Units of the readouts, by name"""
 
 
 class Spread(NamedTuple):
@@ -65,10 +57,12 @@ class Spread(NamedTuple):
 
 
 POINT_CONTACT = Spread("Hertz, point contact", 1.0, 1.5)
+"""Spread of two curved solids"""
 FOUNDATION = Spread("elastic foundation", 2.0, 2.0)
+"""Spread of a bed of springs"""
 SPREADS = {"elastic_foundation": FOUNDATION}
 """Distributions of laws whose force is not spread as Hertz's, by the law's name"""
-OWN_PRESSURE = ("hertz", "elastic_foundation")
+LAWS_WITH_PRESSURE = ("hertz", "elastic_foundation")
 """Laws for which the pressure is exact; for others it is the static force in a Hertzian distribution"""
 
 
@@ -108,7 +102,7 @@ class ContactPatch(NamedTuple):
         return read.view(np.recarray)
 
 
-UNCERTAINTY = np.dtype([("contact_force", "f8"), ("penetration_depth", "f8")])
+_UNCERTAINTY = np.dtype([("contact_force", "f8"), ("penetration_depth", "f8")])
 """Standard deviations [N] and [m]"""
 
 
@@ -130,26 +124,24 @@ def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
     deviation = np.broadcast_to(np.asarray(load_deviation, dtype=np.float64), len(rows))
     if (deviation < 0.0).any():
         raise ValueError(f"load_deviation must not be negative, got {deviation.min()}")
-    found = np.zeros(len(rows), dtype=UNCERTAINTY)
+    found = np.zeros(len(rows), dtype=_UNCERTAINTY)
     pressed = (rows["load"] > 0.0) & (rows["contact_force"] > 0.0)
     ratio = np.divide(rows["contact_force"], rows["load"], out=np.ones(len(rows)), where=pressed)
     force = found["contact_force"] = deviation * np.where(pressed, ratio, 1.0)
-    stiffness = np.array(
-        [law.force_at(depth, 0.0)[1] for depth in rows["penetration_depth"].tolist()]
-    )
-    slope = np.divide(force, stiffness, out=np.full(len(rows), np.inf), where=stiffness > 0.0)
-    for place in np.flatnonzero(
-        rows["contact_force"] < force
-    ).tolist():  # elsewhere the slope is less, as laws harden
-        slope[place] = min(slope[place], plain_static_depth(law.rows, float(force[place])))
-    found["penetration_depth"] = slope * np.where(np.isnan(force), np.nan, 1.0)
+    depths = rows["penetration_depth"].tolist()
+    stiffness = np.array([law.force_at(depth, 0.0)[1] for depth in depths])
+    depth = np.divide(force, stiffness, out=np.full(len(rows), np.inf), where=stiffness > 0.0)
+    # Laws harden: only under a force below its deviation is the depth of the deviation alone the smaller bound.
+    for place in np.flatnonzero(rows["contact_force"] < force).tolist():
+        depth[place] = min(depth[place], plain_static_depth(law.rows, float(force[place])))
+    found["penetration_depth"] = np.where(np.isnan(force), np.nan, depth)
     return found.view(np.recarray)
 
 
-def loading_rate(rows: Rows) -> NDArray[np.float64]:
+def loading_rate(rows: Rows) -> Floats:
     """Return the rate of the contact force [N/s] since the answer before, shape (n,); see `ContactPatch.readouts`."""
     rate = np.full(len(rows), np.nan)
     steps = np.diff(rows["stamp"]) * NANOSECOND
-    goes_on = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)
-    np.divide(np.diff(rows["contact_force"]), steps, out=rate[1:], where=goes_on)
+    continues = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)
+    np.divide(np.diff(rows["contact_force"]), steps, out=rate[1:], where=continues)
     return rate

@@ -248,7 +248,7 @@ class ContactPipeline(Pipeline):
                 compartment.start_anew()
             compartment.advance(load.stamp, angle, part, pair.height, status)
             if self.is_lost:
-                compartment.stream.lose()
+                compartment.stream.mark_state_lost()
             messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
         self.ticks, self.is_lost = self.ticks + 1, False
         if self.varies:
@@ -384,7 +384,7 @@ class Compartment:
         turned = parameters.knee.flexion_offset != self.parameters.knee.flexion_offset
         self.parameters, self._z = parameters, z
         self.model = retuned(self.model, parameters)
-        self.stream.go_on_with(self.model)
+        self.stream.continue_with(self.model)
         doubts = doubts_about(parameters, self.model)
         self.doubts.go_on_with(doubts)
         if turned:  # the angles before say nothing of those that come

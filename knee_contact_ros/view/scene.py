@@ -13,7 +13,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
-from knee_contact_ros.model.readouts import SPREAD, Readings
+from knee_contact_ros.model.readouts import READOUTS_OF_LAW, Readings
 from knee_contact_ros.model.types import MM, ContactState, Rows, Status, blank_answers
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
@@ -166,7 +166,7 @@ class Scene:
             return None
         readouts = patch.readouts(self._drawing.law, together)[len(together) - len(answers) :]
         if not self._law_known:
-            for name in SPREAD:
+            for name in READOUTS_OF_LAW:
                 readouts[name] = np.nan
         return readouts
 

@@ -1,7 +1,7 @@
 """How honest the estimates are after live changes of law, constants, mass, tolerance, level and budget.
 
 The reference (`studies/reference`) goes on from its own state with the changed knee, and nothing is taken to be at
-rest. Every run of the model goes through the same changes by `Stream.go_on_with`.
+rest. Every run of the model goes through the same changes by `Stream.continue_with`.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ def answers_of(settings: list[Setting], budget: int) -> Iterator[np.recarray[Any
         if stream is None:
             stream = Stream(model)
         else:
-            stream.go_on_with(model)
+            stream.continue_with(model)
         here = place(now)
         yield stream.advance_all(stamps[here], first.angle[here], first.load[here], None).view(
             np.recarray

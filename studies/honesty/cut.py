@@ -153,7 +153,7 @@ def answers(
             PARTS, cuts, streams, found, strict=True
         ):
             if now == at:
-                stream.go_on_with(after)
+                stream.continue_with(after)
             here = slice(max(now * parts - parts + 1, 0), now * parts + 1)
             stamps = np.rint(1e9 * time[here]).astype(np.int64)
             kept.append(stream.advance_all(stamps, angle[here], load[here], None)[-1:])

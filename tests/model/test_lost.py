@@ -131,7 +131,7 @@ def test_what_changes_under_a_steady_load_is_soon_ok_again() -> None:
     for changes in ({"stiffness": 6.3e7}, {"exponent": 1.4}, {"damping": 1e4}):
         stream = fast(model(law("kelvin_voigt"), 1e-6)).stream()
         before = [stream.tick(t, 0.3, 700.0) for t in time[:20].tolist()]
-        stream.go_on_with(fast(model(law("kelvin_voigt", **changes), 1e-6)))
+        stream.continue_with(fast(model(law("kelvin_voigt", **changes), 1e-6)))
         after = [stream.tick(t, 0.3, 700.0) for t in time[20:].tolist()]
         assert {row.status for row in before + after} == {Status.OK}
         if "damping" not in changes:

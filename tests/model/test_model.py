@@ -259,7 +259,7 @@ def test_every_evaluation_of_the_law_is_counted(
 
 
 def test_a_budget_of_0_is_a_large_one_and_the_first_answer_is_the_static_one() -> None:
-    assert model(law("hertz")).knee.budget == MOST_BUDGET >= 100_000
+    assert model(law("hertz")).constants.budget == MOST_BUDGET >= 100_000
     first = model(law("kelvin_voigt")).stream().tick(0.0, 0.2, 1614.18)
     assert first.contact_force == pytest.approx(1614.18, rel=1e-12)  # rounding of the depth
     assert (first.penetration_rate, first.error_estimate, first.force_error_estimate) == (

@@ -79,13 +79,13 @@ def test_stiffness_from_the_material_is_hertz() -> None:
 
 def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
     model = knee_contact_ros.load_model({"fidelity.force_tolerance": 2.5})
-    assert (model.force_tolerance, model.knee.force_tolerance) == (2.5, 2.5)
-    assert (model.knee.level, model.knee.budget, model.knee.allow_tension) == (
+    assert (model.force_tolerance, model.constants.force_tolerance) == (2.5, 2.5)
+    assert (model.constants.level, model.constants.budget, model.constants.allow_tension) == (
         LEVELS["dynamic"],
         BUDGET,
         False,
     )
-    fresh = knee_contact_ros.load_model({}).knee
+    fresh = knee_contact_ros.load_model({}).constants
     assert fresh.force_tolerance == 0.0
     changes = {
         "fidelity.force_tolerance": 0.1,

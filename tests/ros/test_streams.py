@@ -59,7 +59,7 @@ def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(
         if i == 20:
             peer.wait_until(lambda: len(peer.contacts) == 20)
             assert set_parameters(peer, changes) == (True, "")
-            stream.go_on_with(retuned(model, load_parameters(changes)))
+            stream.continue_with(retuned(model, load_parameters(changes)))
         axial = 800.0 + 300.0 * np.sin(0.4 * i)
         peer.send(i * 5 * MS, 0.2, axial)
         expected.append(stream.tick_ns(i * 5 * MS, 0.2, shares[i >= 20] * axial))

@@ -23,7 +23,7 @@ from knee_contact_ros.lab.report.gathered import (
 )
 from knee_contact_ros.lab.report.runs import ReportRun
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
-from knee_contact_ros.model.readouts import OWN_PRESSURE
+from knee_contact_ros.model.readouts import LAWS_WITH_PRESSURE
 from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
@@ -199,7 +199,7 @@ def pressure_of(run: ReportRun) -> str:
     if patch is None:
         return "not known"
     spread = f"{patch.spread.name}, R {MM * patch.radius:.1f} mm, cartilage {MM * patch.thickness:.2g} mm"
-    own = run.parameters.contact.law in OWN_PRESSURE
+    own = run.parameters.contact.law in LAWS_WITH_PRESSURE
     return spread if own else f"the law defines none; its force at rest is distributed as {spread}"
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.readouts import SPREAD
+from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import MM, ContactState, Floats, Status
 from knee_contact_ros.streams.gait_events import (
     GAP,
@@ -78,7 +78,7 @@ CYCLE_CURVES = {
 """Curves over the gait cycle, by their names in cycles.csv"""
 _CURVE_FIELDS = list(dict.fromkeys(each.field for each in CYCLE_CURVES.values()))
 ANSWER_FIELDS = [
-    *(field for field in _CURVE_FIELDS if field not in SPREAD),
+    *(field for field in _CURVE_FIELDS if field not in READOUTS_OF_LAW),
     "gap",
     "stamp",
     "error_estimate",
@@ -135,8 +135,8 @@ class Gathered:
         """Gather them from answers.
 
         Args:
-            columns: fields of the answers, shape (n,), n >= 1 each: `ANSWER_FIELDS`, and `SPREAD` where the model is
-                known.
+            columns: fields of the answers, shape (n,), n >= 1 each: `ANSWER_FIELDS`, and `READOUTS_OF_LAW` where
+                the model is known.
             body_weight: body weight [N].
             doubts: doubts about the run's parameters, to which those about its answers are added.
         """

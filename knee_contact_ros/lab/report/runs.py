@@ -26,7 +26,7 @@ from knee_contact_ros.bags.provenance import (
 from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, Gathered
 from knee_contact_ros.lab.uncertainty import Propagated, propagated
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.readouts import SPREAD
+from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.bag_parameters import (
     file_contents,
@@ -380,7 +380,7 @@ def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) 
             parts[name].append(block.view(FLAT)[name].copy())
         if model and has_readouts:
             read = model.readouts(block)
-            for name in SPREAD:
+            for name in READOUTS_OF_LAW:
                 parts.setdefault(name, []).append(np.asarray(read[name]))
     columns = {name: np.concatenate(several) for name, several in parts.items()}
     gathered = Gathered(columns, own.body_weight, doubts)

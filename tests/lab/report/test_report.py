@@ -22,7 +22,7 @@ from knee_contact_ros.lab.report.gathered import (
     PEAK_COLUMNS,
     STRIDE_COLUMNS,
 )
-from knee_contact_ros.model.readouts import SPREAD
+from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -103,7 +103,7 @@ def test_curves_are_those_of_the_answers_and_strides_are_written(
     read_off = load_model("osteoarthritis").readouts(answers)
     at = strikes[0] + (strikes[1] - strikes[0]) * CYCLE_PERCENT / 100.0
     for name, (field, *_) in CYCLE_CURVES.items():
-        values = read_off[field] if field in SPREAD else answers.view(FLAT)[field]
+        values = read_off[field] if field in READOUTS_OF_LAW else answers.view(FLAT)[field]
         expected = np.interp(at, answers["stamp"] / 1e9, values) * UNITS[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
         assert numbers(rows, f"{name}_mean") == pytest.approx(expected, rel=1e-6, abs=1e-6)
