@@ -99,9 +99,11 @@ def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
     changed, made = retuned(model, load_parameters(changes)), knee_contact_ros.load_model(changes)
     assert changed.pair is model.pair
     for name in ("mass", "tolerance", "force_tolerance", "budget", "level", "allow_tension"):
-        assert getattr(changed.knee, name) == getattr(made.knee, name) != getattr(fresh, name), (
-            name
-        )
+        assert (
+            getattr(changed.constants, name)
+            == getattr(made.constants, name)
+            != getattr(fresh, name)
+        ), name
     assert changed.law == made.law
     assert changed.patch == made.patch
 
