@@ -72,37 +72,43 @@ from knee_contact_ros.view.output import (
 )
 from knee_contact_ros.view.picture import draw_knee, png_figure
 
-BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
-"""Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
+SENSOR_BAG = "gait2354_right_sensors"
+"""Bundled bag with a leg's sensors"""
+LOAD_BAG = "gait2354_right"
+"""Bundled bag with the joint reaction of the same gait by a musculoskeletal model"""
 LOAD_FILE = "load/gait2354.yaml"
-"""Parameter file of the load node for `BAG`"""
+"""Parameter file of the load node for `SENSOR_BAG`"""
 FORCE_LIMIT = 700.0
 """Contact force [N] above which the companion lowers its torque with sensors, which never reach its default"""
-NODE_START = 300.0
+_START_TIMEOUT = 300.0
 """Time [s] that the nodes may take to appear; they may have to compile first"""
-POLL_PERIOD = 0.05
+_POLL_PERIOD = 0.05
 """Time [s] between two checks of files that are being completed"""
-LAST_ANSWERS = 3.0
+_LAST_ANSWERS = 3.0
 """Time [s] to wait for further answers after the last one"""
 RECORDING = Path("recording") / "recording_0.mcap"
-LOAD_RECORDING = Path("load_recording") / "load_recording_0.mcap"
-RERUN_FILE, PICTURE = Path("knee_contact.rrd"), Path("knee.png")
-NODE_LOG, LOAD_LOG, COMPANION_LOG = Path("node.log"), Path("load.log"), Path("companion.log")
-RESULTS = (
+_LOAD_RECORDING = Path("load_recording") / "load_recording_0.mcap"
+_RERUN_FILE = Path("knee_contact.rrd")
+_PICTURE = Path("knee.png")
+_NODE_LOG = Path("node.log")
+_LOAD_LOG = Path("load.log")
+_COMPANION_LOG = Path("companion.log")
+_RESULTS = (
     RECORDING.parent,
-    LOAD_RECORDING.parent,
-    RERUN_FILE,
-    PICTURE,
-    NODE_LOG,
-    LOAD_LOG,
-    COMPANION_LOG,
+    _LOAD_RECORDING.parent,
+    _RERUN_FILE,
+    _PICTURE,
+    _NODE_LOG,
+    _LOAD_LOG,
+    _COMPANION_LOG,
 )
 """Names of the results of all demos: a demo replaces those of an earlier one"""
-SIZE, DPI = (5.2, 6.0), 160
-"""Size of the picture [in], and its resolution"""
-STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
-COMPANION_COMMANDS = "knee_effort_controller/commands"
-NOT_KNOWN = (
+_PICTURE_SIZE = (5.2, 6.0)
+"""Size of the picture [in]"""
+_PICTURE_DPI = 160
+_PICTURE_STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": _PICTURE_DPI}
+_COMPANION_COMMANDS = "knee_effort_controller/commands"
+_CANNOT_SEE = (
     "people change how much they co-contract when assisted, and this estimate cannot see that: it only takes the "
     "torque off the net moment"
 )
@@ -122,7 +128,7 @@ class Listener:
     """Times [s] from publishing a force to receiving its answer"""
     torques: list[float] = field(default_factory=lambda: [0.0])
     """Torques [N m] that the companion commanded, after 0"""
-    heard: set[str] = field(default_factory=set)
+    connected: set[str] = field(default_factory=set)
     """Inputs of nodes that have a publisher, by their diagnostics, as `knee_contact: joint_states`"""
 
     def listen(self, node: Node) -> None:
@@ -135,31 +141,26 @@ class Listener:
             if sent := self.published.get(stamp_to_ns(message.header.stamp)):
                 self.latencies.append(time.perf_counter() - sent)
 
+        def on_command(message: Float64MultiArray) -> None:
+            self.torques.append(message.data[0])
+
         def on_diagnostics(message: DiagnosticArray) -> None:
             for status in message.status:
-                if any(
-                    value.key == "publishers" and value.value != "0" for value in status.values
-                ):
-                    self.heard.add(status.name)
+                publishers = {value.value for value in status.values if value.key == "publishers"}
+                if publishers - {"0"}:
+                    self.connected.add(status.name)
 
-        for kind, topic, callback in (
-            (KneeContact, KNEE_CONTACT, on_contact),
-            (DiagnosticArray, "/diagnostics", on_diagnostics),
-            (
-                Float64MultiArray,
-                COMPANION_COMMANDS,
-                lambda message: self.torques.append(message.data[0]),
-            ),
-        ):
-            node.create_subscription(kind, topic, callback, QoSProfile(depth=1000))
+        qos = QoSProfile(depth=1000)
+        node.create_subscription(KneeContact, KNEE_CONTACT, on_contact, qos)
+        node.create_subscription(Float64MultiArray, _COMPANION_COMMANDS, on_command, qos)
+        node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, qos)
 
     def publish(self, message: RawMessage, replayer: Replayer) -> None:
         """Publish an input; note the time if it is a force, and add the companion's torque if it assists a joint."""
         is_force = message.topic == f"/{self.inputs[1]}"
         if self.assisted and not is_force:
-            message = message._replace(
-                data=with_assistance(message.data, self.assisted, self.torques[-1])
-            )
+            data = with_assistance(message.data, self.assisted, self.torques[-1])
+            message = message._replace(data=data)
         replayer.publish(message)
         if is_force:
             self.published[stamp_in(message.data)] = time.perf_counter()
@@ -192,7 +193,7 @@ def run_demo(
         UsageError: the bag, a parameter or the output folder cannot be used, ROS cannot be joined, a node or the
             companion has failed, or the contact node has answered nothing.
     """
-    bag = bag or share_folder() / "bags" / (BAG if load_files else RECORDED)
+    bag = bag or share_folder() / "bags" / (SENSOR_BAG if load_files else LOAD_BAG)
     assisted = {"knee.assisted": True} if companion and load_files else {}
     load = load_parameters([*load_files, assisted], LoadParameters) if load_files else None
     values = {"body_weight": load.person.constants.weight} if load else {}
@@ -204,14 +205,11 @@ def run_demo(
     with Bag(bag) as opened_bag:
         check_joints(BagInputs(opened_bag, load or parameters, OWN_NAMES), joints)
         messages = list(opened_bag.select(types).raw_messages())
-    needed = {f"knee_contact: {topic}" for topic in INPUTS} | {
-        f"knee_load: {topic}" for topic in inputs if load
-    }
+    needed = {f"knee_contact: {topic}" for topic in INPUTS}
+    if load:
+        needed |= {f"knee_load: {topic}" for topic in LOAD_INPUTS}
     listener = Listener(inputs, load.knee if load and assisted else None)
-    with (
-        work_folder(output) as work,
-        private_graph() as environment,
-    ):
+    with work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         processes: list[AbstractContextManager[Child]] = [node_process(files, work, values=values)]
         if companion:
@@ -226,23 +224,24 @@ def run_demo(
             raise UsageError(
                 f"bag {bag}: the node has answered nothing; refused: {count_text(summary.refused)}"
             )
-        rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
+        rows = live_rows(listener, summary.ticks)
+        if load:
+            rows |= load_rows(bag, load, work)
         if load and assisted:
-            rows |= assisted_rows(
-                bag, load, parameters, work, summary.peaks["contact_force"].contact_force
-            )
+            largest_force = summary.peaks["contact_force"].contact_force
+            rows |= assisted_rows(bag, load, parameters, work, largest_force)
         places = result_files(output, load is not None, companion)
         try:
-            draw_peak(work / RECORDING.parent, stream.model, parameters, work / PICTURE)
-            places["Knee at the peak"] = str(output / PICTURE)
+            draw_peak(work / RECORDING.parent, stream.model, parameters, work / _PICTURE)
+            places["Knee at the peak"] = str(output / _PICTURE)
         except UsageError as error:
             places["No picture"] = str(error)
-        for result in RESULTS:
+        for result in _RESULTS:
             replace(work / result, output / result)
     show_summary(summary, rows, places)
     warn(summary.sentences)
     if find_viewer():
-        offer(output / RERUN_FILE)
+        offer(output / _RERUN_FILE)
 
 
 def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
@@ -271,17 +270,16 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
     require("report", "matplotlib")
     answers = read_answers(recording)
     what = "contact_force" if model.height_prescribed else "load"
-    peak = answers[
-        int(np.nan_to_num(answers[what], nan=-np.inf).argmax())
-    ]  # a doubtful load may have no number
+    # The load of a doubtful answer may be NaN, which argmax would take for the largest.
+    peak = answers[int(np.nan_to_num(answers[what], nan=-np.inf).argmax())]
     which = f"{MEDIAL} compartment, " if has_two_compartments(parameters) else ""
     when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
     title = f"{which}largest {what.replace('_', ' ')}, at {when} s"
-    with png_figure(picture, SIZE, DPI, **STYLE) as figure:
+    angle, height, force = (
+        float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force")
+    )
+    with png_figure(picture, _PICTURE_SIZE, _PICTURE_DPI, **_PICTURE_STYLE) as figure:
         knee = figure.subplots()
-        angle, height, force = (
-            float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force")
-        )
         draw_knee(knee, model, angle, height, force, parameters.body_weight)
         knee.set_title(title)
     return title
@@ -289,19 +287,20 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
 
 def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
     """Return the names and places of the results, and the command that shows them."""
-    logs = {"Companion's log": output / COMPANION_LOG} if companion else {}
-    places = {"Recording": output / RECORDING.parent, "Node's log": output / NODE_LOG, **logs}
+    places = {}
     if load:
-        places = {
-            "Load's recording": output / LOAD_RECORDING.parent,
-            "Load's log": output / LOAD_LOG,
-            **places,
-        }
-    scene = {"Not drawn": NOT_INSTALLED}
-    if find_viewer():
-        see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
-        scene = {"Rerun file": str(output / RERUN_FILE), "To see it": see}
-    return {name: str(place) for name, place in places.items()} | scene
+        places["Load's recording"] = output / _LOAD_RECORDING.parent
+        places["Load's log"] = output / _LOAD_LOG
+    places["Recording"] = output / RECORDING.parent
+    places["Node's log"] = output / _NODE_LOG
+    if companion:
+        places["Companion's log"] = output / _COMPANION_LOG
+    names = {name: str(place) for name, place in places.items()}
+    if not find_viewer():
+        return names | {"Not drawn": NOT_INSTALLED}
+    scene = str(output / _RERUN_FILE)
+    command = Path(sys.executable).with_name("knee-contact")
+    return names | {"Rerun file": scene, "To see it": f"{command} view {scene}"}
 
 
 def play(
@@ -314,7 +313,8 @@ def play(
 ) -> None:
     """Replay messages at a rate, and let the `listener` collect the answers and the companion's commands.
 
-    It waits until the inputs `needed` have a publisher, as in `Listener.heard`, and the companion commands something.
+    It waits until the inputs `needed` have a publisher, as in `Listener.connected`, and the companion commands
+    something.
 
     Raises:
         UsageError: the nodes did not appear in time, or a process has ended.
@@ -336,23 +336,23 @@ def play(
         listener.listen(node)
         replayer = Replayer(node, inputs=listener.inputs)
         with progress("Starting the node (a new kind of knee is compiled)"):
-            deadline = time.monotonic() + NODE_START
+            deadline = time.monotonic() + _START_TIMEOUT
             while not (
                 replayer.wait_for_subscribers(0.1, spin)
                 and node.count_publishers(KNEE_CONTACT)
-                and listener.heard >= needed
+                and listener.connected >= needed
                 and (not companion or len(listener.torques) > 1)
             ):
                 spin(0.1)
                 check()
                 if time.monotonic() > deadline:
-                    raise UsageError(f"the node did not appear within {NODE_START:g} s")
+                    raise UsageError(f"the node did not appear within {_START_TIMEOUT:g} s")
         with progress("Walking") as advance:
             for number, (message, _) in enumerate(Player(spin, rate=rate).play(messages), start=1):
                 listener.publish(message, replayer)
                 advance(number, len(messages))
         missing, since = listener.missing, time.monotonic()
-        while missing and time.monotonic() - since < LAST_ANSWERS:
+        while missing and time.monotonic() - since < _LAST_ANSWERS:
             spin(0.1)
             if listener.missing != missing:
                 missing, since = listener.missing, time.monotonic()
@@ -376,37 +376,30 @@ def node_process(
     It records in `work`, and the contact node also draws there if Rerun is installed; for `patience` [s] see
     `child_process`.
     """
-    name, command, log = (
-        ("the load node", "load", LOAD_LOG) if load else ("the node", "node", NODE_LOG)
-    )
-    outputs = {"record.path": work / (LOAD_RECORDING if load else RECORDING)}
-    mode = {}
+    outputs = {"record.path": work / (_LOAD_RECORDING if load else RECORDING)}
+    values = dict(values or {})
     if find_viewer() and not load:
-        outputs["rerun.path"], mode = work / RERUN_FILE, {"rerun.mode": '"file"'}
+        outputs["rerun.path"] = work / _RERUN_FILE
+        values["rerun.mode"] = '"file"'
     paths = {name: f'"{path}"' for name, path in outputs.items()}
-    arguments = [
-        "-m",
-        "knee_contact_ros.commands.main",
-        command,
-        *ros_arguments(files, paths | mode | {**(values or {})}),
-    ]
-    with child_process(name, arguments, work / log, patience) as node:
+    command = ["-m", "knee_contact_ros.commands.main", "load" if load else "node"]
+    arguments = [*command, *ros_arguments(files, paths | values)]
+    name = "the load node" if load else "the node"
+    log = work / (_LOAD_LOG if load else _NODE_LOG)
+    with child_process(name, arguments, log, patience) as node:
         yield node
-    deadline = (
-        time.monotonic() + patience
-    )  # a busy machine completes the files after their node has ended
-    while (
-        any(partial_name(path).exists() for path in outputs.values())
-        and time.monotonic() < deadline
-    ):
-        time.sleep(POLL_PERIOD)
+    # A busy machine completes the files after their node has ended.
+    deadline = time.monotonic() + patience
+    unfinished = [partial_name(path) for path in outputs.values()]
+    while any(path.exists() for path in unfinished) and time.monotonic() < deadline:
+        time.sleep(_POLL_PERIOD)
 
 
 def companion_process(work: Path, values: Mapping[str, Any]) -> AbstractContextManager[Child]:
     """Run the example of an assist controller in a process of its own; `values` are parameters that differ."""
     example = share_folder() / "examples" / "assist_as_needed.py"
     arguments = [str(example), *ros_arguments([example.with_suffix(".yaml")], values)]
-    return child_process("the companion", arguments, work / COMPANION_LOG)
+    return child_process("the companion", arguments, work / _COMPANION_LOG)
 
 
 def ros_arguments(files: Iterable[Path], values: Mapping[str, Any]) -> list[str]:
@@ -428,30 +421,30 @@ def offer(scene: Path) -> None:
             run_viewer(viewer_command(str(scene)))
 
 
-def largest(bag: Path, topic: str) -> tuple[float, float]:
-    """Return the largest joint reaction of a bag, and its standard deviation [N]; 0 if it is not an estimate.
-
-    The topic is `joint_reaction_force` or `load_estimate`.
-    """
-    messages = [message.message for message in read_bag(bag, {f"/{topic}": MESSAGE_TYPES[topic]})]
-    if topic == LOAD_ESTIMATE:
-        return max((message.axial_force, message.standard_deviation) for message in messages)
-    return max((-message.wrench.force.y, 0.0) for message in messages)
+def largest_load(bag: Path) -> float:
+    """Return the largest joint reaction of a bag [N]."""
+    topic = f"/{JOINT_REACTION_FORCE}"
+    messages = read_bag(bag, {topic: MESSAGE_TYPES[JOINT_REACTION_FORCE]})
+    return float(max(-message.message.wrench.force.y for message in messages))
 
 
 def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
     """Return rows on the estimated load, and on the recorded one of the bundled bag."""
     weight = load.person.constants.weight
-    calibrated = (
-        "yes" if load.calibrated else "no: for looking, nothing may be limited or triggered by it"
-    )
-    rows = {"load's level": load.chosen_level, "calibrated": calibrated}
-    axial, deviation = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE)
+    calibrated = "no: for looking, nothing may be limited or triggered by it"
+    rows = {
+        "load's level": load.chosen_level,
+        "calibrated": "yes" if load.calibrated else calibrated,
+    }
+    types = {f"/{LOAD_ESTIMATE}": MESSAGE_TYPES[LOAD_ESTIMATE]}
+    estimates = [message.message for message in read_bag(work / _LOAD_RECORDING.parent, types)]
+    peak = max(estimates, key=lambda estimate: estimate.axial_force)
     rows["estimated load"] = (
-        f"{axial:.1f} N ({axial / weight:.2f} BW), standard deviation {deviation:.0f} N"
+        f"{peak.axial_force:.1f} N ({peak.axial_force / weight:.2f} BW), "
+        f"standard deviation {peak.standard_deviation:.0f} N"
     )
-    if bag.resolve() == (share_folder() / "bags" / BAG).resolve():
-        recorded, _ = largest(bag.with_name(RECORDED), JOINT_REACTION_FORCE)
+    if bag.resolve() == (share_folder() / "bags" / SENSOR_BAG).resolve():
+        recorded = largest_load(bag.with_name(LOAD_BAG))
         rows["recorded load"] = (
             f"{recorded:.1f} N ({recorded / weight:.2f} BW), by OpenSim from muscles"
         )
@@ -463,16 +456,13 @@ def assisted_rows(
 ) -> dict[str, str]:
     """Return rows that compare the contact, `most` [N], with that of the same bag without assistance, offline."""
     loads = work / "without_assistance.mcap"
-    estimate_load(
-        bag,
-        load_parameters([load, {"knee.assisted": False}], LoadParameters),
-        loads,
-    )
+    unassisted = load_parameters([load, {"knee.assisted": False}], LoadParameters)
+    estimate_load(bag, unassisted, loads)
     alone = solve(loads, parameters, None).peaks["contact_force"].contact_force
     return {
         "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
         "largest contact": f"{alone:.1f} N without assistance, {most:.1f} N with it",
-        "warning": NOT_KNOWN,
+        "warning": _CANNOT_SEE,
     }
 
 

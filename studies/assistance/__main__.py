@@ -12,11 +12,10 @@ import numpy as np
 
 from benchmarks.report import machine
 from knee_contact_ros import load_model
-from knee_contact_ros.commands.demo import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
+from knee_contact_ros.commands.demo import FORCE_LIMIT, LOAD_BAG, LOAD_FILE, largest_load
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.system.files import share_folder
 from studies.assistance.walks import (
     LAWS,
@@ -151,7 +150,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     parameters, (more, higher) = person(), with_more_co_contraction()
     weight, level = parameters.person.constants.weight, parameters.chosen_level
     deviation = LOAD_LEVELS[level].uncalibrated
-    recorded, _ = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
+    recorded = largest_load(share_folder() / "bags" / LOAD_BAG)
     numbers = {
         "machine": machine(),
         "most": f"{torques[-1]:g}",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import knee_contact_ros
 from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.answers import read_bag
-from knee_contact_ros.commands.demo import BAG, FORCE_LIMIT, LOAD_FILE
+from knee_contact_ros.commands.demo import FORCE_LIMIT, LOAD_FILE, SENSOR_BAG
 from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter
 from knee_contact_ros.model.knee import KneeModel
@@ -106,7 +106,7 @@ def sensors(bag: Path | None = None) -> list[Sample]:
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
     angles: dict[int, float] = {}
     forces: dict[int, float] = {}
-    for topic, _, message in read_bag(bag or share_folder() / "bags" / BAG, types):
+    for topic, _, message in read_bag(bag or share_folder() / "bags" / SENSOR_BAG, types):
         stamp = stamp_to_ns(message.header.stamp)
         if topic == f"/{JOINT_STATES}":
             angles[stamp] = float(message.position[0])
