@@ -102,7 +102,7 @@ def reference_data() -> Path:
     return REFERENCE_DATA
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """A browser without a screen (selenium's driver)."""
     with started_browser() as driver:

@@ -12,7 +12,8 @@ import pytest
 from knee_contact_ros.bags.recorder import FileLimits, RecorderSettings
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.sinks import Started, close, put, recorded_ticks, wait_until
+from tests.helpers.patience import wait_until
+from tests.helpers.sinks import Started, close, put, recorded_ticks
 
 SETTINGS = RecorderSettings(0.02, FileLimits(duration=50_000_000), sync_period=0.05)
 FOLDER = "bag"

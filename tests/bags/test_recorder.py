@@ -26,6 +26,7 @@ from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import raw_messages
 from tests.helpers.needs import needs_viewer
+from tests.helpers.patience import wait_until
 from tests.helpers.sinks import (
     SETTINGS,
     TYPES,
@@ -38,7 +39,6 @@ from tests.helpers.sinks import (
     readable,
     recorded_ticks,
     settled_backlog,
-    wait_until,
 )
 
 QUEUES = [MayWait(1000), MayWait(10**6, 2.2)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,6 +40,7 @@ from knee_contact_ros.streams.topics import (
 from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.output import VIEWER_NICENESS, open_output
 from tests.helpers.answers import contact
+from tests.helpers.patience import patience, wait_until
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 MODEL = ContactPipeline(load_parameters({}), compiled=False).model
@@ -56,8 +56,6 @@ class MayWait(NamedTuple):
 
 
 QUEUE = MayWait()
-PATIENCE = 30.0
-"""How long [s] to wait for what must come"""
 
 
 def answer(number: int) -> Answer:
@@ -81,19 +79,11 @@ def put(sink: SinkProcess, numbers: range) -> None:
 
 
 def close(
-    sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, patience: float = PATIENCE
+    sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, seconds: float | None = None
 ) -> bool:
     """Have an output completed, and wait for that; whether nothing is lost that must not be."""
     sink.end(ending)
-    return sink.wait(time.monotonic() + patience)
-
-
-def wait_until(done: Callable[[], Any]) -> None:
-    """Wait until something has happened."""
-    deadline = time.monotonic() + PATIENCE
-    while not done():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        time.sleep(0.01)
+    return sink.wait(time.monotonic() + (patience() if seconds is None else seconds))
 
 
 def settled_backlog(sink: SinkProcess) -> int:

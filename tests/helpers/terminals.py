@@ -12,8 +12,8 @@ import time
 from contextlib import suppress
 from types import TracebackType
 
-PATIENCE = 120.0
-"""How long [s] to wait for what must come"""
+from tests.helpers.patience import patience
+
 SHELL = """
 import fcntl, os, signal, subprocess, sys, termios
 
@@ -63,9 +63,9 @@ class Terminal:
 
     def wait_for(self, pattern: str) -> re.Match[str]:
         """Wait for words; what stood before them is forgotten."""
-        deadline = time.monotonic() + PATIENCE
+        begin = time.monotonic()
         while (found := re.search(pattern, self.text)) is None:
-            assert time.monotonic() < deadline, f"no {pattern!r} in {self.text!r}"
+            assert time.monotonic() < begin + patience(), f"no {pattern!r} in {self.text!r}"
             if select.select([self.master], [], [], 0.1)[0]:
                 try:
                     self.text += os.read(self.master, 65536).decode()
@@ -88,4 +88,4 @@ class Terminal:
                 os.kill(self.pid, 9)
             self.shell.kill()
         os.close(self.master)
-        self.shell.wait(PATIENCE)
+        self.shell.wait(patience())

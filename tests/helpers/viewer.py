@@ -24,10 +24,9 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import View, ViewerClient, ViewerState
 
 from knee_contact_ros.system.processes import free_port
+from tests.helpers.patience import patience
 
 RERUN = Path(sysconfig.get_path("purelib")) / "rerun_cli" / "rerun"
-PATIENCE = 60.0
-"""How long [s] anything is waited for: loading and drawing in software take a second or two on an idle machine."""
 LIFE = 300
 """[s] after which a viewer ends whatever becomes of the test"""
 PAUSE = 0.1
@@ -163,12 +162,12 @@ def loaded(viewer: subprocess.Popen[bytes], port: int, log: Path) -> ViewerClien
 
 def wait_for(condition: Callable[[], T | None], what: str) -> T:
     """What `condition` gives as soon as it is true."""
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
+    begin = time.monotonic()
+    while time.monotonic() < begin + patience():
         if found := condition():
             return found
         time.sleep(PAUSE)
-    pytest.fail(f"waited {PATIENCE:g} s in vain for {what}")
+    pytest.fail(f"waited in vain for {what}")
 
 
 def shown_to(state: ViewerState) -> int:

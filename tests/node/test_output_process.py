@@ -26,9 +26,10 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import Answer
+from knee_contact_ros.view.output import VIEWER_NICENESS
 from tests.helpers.needs import needs_viewer
+from tests.helpers.patience import wait_until
 from tests.helpers.sinks import (
-    NICENESS,
     NOTHING_LEFT,
     MayWait,
     Started,
@@ -39,7 +40,6 @@ from tests.helpers.sinks import (
     recording,
     settled_backlog,
     shown_ticks,
-    wait_until,
 )
 
 
@@ -234,6 +234,6 @@ def test_a_sinks_process_is_lean_steps_back_and_ends_when_it_is_told_only(
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
     viewer = started.viewer(tmp_path / "knee.rrd")
     assert psutil.Process(pid(viewer)).nice() == min(
-        psutil.Process().nice() + NICENESS, 19
+        psutil.Process().nice() + VIEWER_NICENESS, 19
     )  # 19 is the most
     close(viewer)

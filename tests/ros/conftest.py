@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,16 +31,16 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.bag import RawMessage
+from knee_contact_ros.model.kernel import compiled_run
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.processes import DEATH_SIGNAL_PREFIX
 from knee_contact_ros.system.ros import make_executor, private_graph
 from tests.helpers.bags import raw_messages
 from tests.helpers.forked import COMMAND, Forked
 from tests.helpers.messages import RosMessages, header
+from tests.helpers.patience import patience, wait_until
 from tests.helpers.processes import NO_BYTECODE
 
-PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
-"""How long [s] to wait for what must come; discovery alone can take seconds."""
 STEP = 5_000_000
 STAMPS = np.arange(40) * STEP
 ANGLES = 0.2 + 0.3 * np.sin(STAMPS * 3e-9)
@@ -64,6 +65,7 @@ def graph() -> Iterator[None]:
     """Loopback only, in a domain of our own."""
     with private_graph() as environment:
         os.environ.update(environment)
+        compiled_run()  # on a new machine nobody waits for that later
         rclpy.init()
         yield
         rclpy.shutdown()
@@ -129,8 +131,8 @@ class NodeProcess:
         """Wait for its end, which a signal may ask for; return its code and all it said."""
         if number and self.process.poll() is None:
             self.process.send_signal(number)
-        output, _ = self.process.communicate(timeout=PATIENCE)
-        return self.process.wait(PATIENCE), own_words(output)
+        output, _ = self.process.communicate(timeout=patience())
+        return self.process.wait(patience()), own_words(output)
 
 
 class Peer:
@@ -175,16 +177,13 @@ class Peer:
 
     def wait_until(self, done: Callable[[], Any]) -> None:
         """Spin until something has happened."""
-        deadline = time.monotonic() + PATIENCE
-        while not done():
-            assert time.monotonic() < deadline, "it did not happen in time"
-            self.executor.spin_once(timeout_sec=0.05)
+        wait_until(done, partial(self.executor.spin_once, timeout_sec=0.05))
 
     def spin(self, seconds: float) -> None:
         """Spin for a while."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.02)
+        while (left := end - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=left)
 
     def wait_for_node(self) -> None:
         """Wait until the node listens and speaks."""
@@ -325,4 +324,4 @@ def start_node() -> Iterator[Start]:
             for child in psutil.Process(node.process.pid).children(recursive=True):
                 child.kill()
             node.process.kill()
-        node.process.communicate(timeout=PATIENCE)
+        node.process.communicate(timeout=patience())

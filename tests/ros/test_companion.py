@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import psutil
 import pytest
@@ -15,8 +16,9 @@ from std_msgs.msg import Float64MultiArray
 
 from examples.assist_as_needed import COMMANDS
 from knee_contact_ros.system.files import share_folder
+from tests.helpers.patience import patience, wait_until
 from tests.helpers.processes import internet_sockets
-from tests.ros.conftest import PATIENCE, Peer, Start, own_words
+from tests.ros.conftest import Peer, Start, own_words
 
 EXAMPLE = share_folder() / "examples" / "assist_as_needed.py"
 PARAMETERS = EXAMPLE.with_suffix(".yaml")
@@ -64,10 +66,7 @@ class Loop:
 
     def send_until(self, axial: float, done: Callable[[], bool]) -> None:
         """Publish samples until something has happened."""
-        deadline = time.monotonic() + PATIENCE
-        while not done():
-            assert time.monotonic() < deadline, "it did not happen in time"
-            self.send(axial)
+        wait_until(done, partial(self.send, axial))
 
 
 @pytest.fixture
@@ -133,7 +132,7 @@ def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_mu
 
 def test_a_bad_parameter_ends_it_with_one_line() -> None:
     command = [sys.executable, EXAMPLE, "--ros-args", "-p", "fall_rate:=-1.0"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=patience(), check=False)
     assert done.returncode == 2
     assert (
         own_words(done.stderr)

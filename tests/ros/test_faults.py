@@ -19,7 +19,8 @@ from knee_contact_ros import load_model
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.streams.topics import stamp_to_ns
 from tests import ROOT
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer, call
+from tests.helpers.patience import patience
+from tests.ros.conftest import NodeProcess, Peer, call
 from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angle_at
 
 SHARE = 0.5
@@ -51,7 +52,7 @@ def running() -> Iterator[Running]:
     running = Running()
     yield running
     running.process.process.kill()
-    running.process.process.communicate(timeout=PATIENCE)
+    running.process.process.communicate(timeout=patience())
 
 
 @pytest.fixture(scope="module")

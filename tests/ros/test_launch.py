@@ -26,7 +26,8 @@ from knee_contact_ros.bags.names import absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
 from tests.helpers.bags import raw_messages
-from tests.ros.conftest import PATIENCE, STEP, Peer, Start
+from tests.helpers.patience import patience, wait_until
+from tests.ros.conftest import STEP, Peer, Start
 
 pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
 FOLDER = share_folder() / "launch"
@@ -147,10 +148,7 @@ class Launched:
 
     def hear(self, words: str, times: int = 1) -> None:
         """Wait until it has said something so many times."""
-        deadline = time.monotonic() + PATIENCE
-        while self.said().count(words) < times:
-            assert time.monotonic() < deadline, self.said()
-            time.sleep(0.05)
+        wait_until(lambda: self.said().count(words) >= times)
 
     def node(self) -> psutil.Process:
         """The only node's process."""
@@ -164,7 +162,7 @@ class Launched:
     def stop(self) -> int:
         """Ctrl-C."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(PATIENCE)
+        return self.process.wait(patience())
 
     def kill(self) -> None:
         """Leave nothing of it."""
@@ -221,15 +219,15 @@ class Stream:
 
     def until(self, done: Callable[[], bool]) -> None:
         """Send on and hear answers until something has happened."""
-        deadline = time.monotonic() + PATIENCE
-        while not done():
-            assert time.monotonic() < deadline, "it did not happen in time"
-            if self._fed:
-                self._send()
-            due = time.monotonic() + STEP * 1e-9
-            while (left := due - time.monotonic()) > 0.0:
-                for peer in self.knees.values():
-                    peer.executor.spin_once(timeout_sec=left / len(self.knees))
+        wait_until(done, self._go_on)
+
+    def _go_on(self) -> None:
+        if self._fed:
+            self._send()
+        due = time.monotonic() + STEP * 1e-9
+        while (left := due - time.monotonic()) > 0.0:
+            for peer in self.knees.values():
+                peer.executor.spin_once(timeout_sec=left / len(self.knees))
 
     def _send(self) -> None:
         for knee, peer in self.knees.items():
@@ -266,7 +264,7 @@ def test_it_runs_until_ctrl_c(
 def test_replay_goes_through_the_node_and_ends(start: Launch, tmp_path: Path) -> None:
     rerun = "rerun:={}/out.rrd" if find_spec("rerun") else ""
     launched = start("replay.launch.py", f"rate:=5 clock:=true record:={{}}/out.mcap {rerun}")
-    assert launched.process.wait(PATIENCE) == 0, launched.said()
+    assert launched.process.wait(patience()) == 0, launched.said()
     assert len(answers(tmp_path / "out.mcap")) == 387
     assert (tmp_path / "out.rrd").exists() == bool(rerun)
 
@@ -275,7 +273,7 @@ def test_replay_goes_through_the_node_and_ends(start: Launch, tmp_path: Path) ->
 def test_what_is_wrong_is_told_once_and_ends(name: str, start: Launch) -> None:
     file, arguments, words = BAD[name]
     launched = start(file, arguments)
-    launched.process.wait(PATIENCE)
+    launched.process.wait(patience())
     said = launched.said()
     assert words in said
     assert "Traceback" not in said
@@ -288,7 +286,7 @@ def test_a_node_that_is_told_to_end_stays_away(start: Launch) -> None:
     launched = start("knee_contact.launch.py", "")
     launched.hear("active, listening")
     launched.node().terminate()
-    assert launched.process.wait(PATIENCE) == 0
+    assert launched.process.wait(patience()) == 0
     assert launched.said().count("process started") == 1
 
 
@@ -370,7 +368,7 @@ def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
         share_folder() / "launch" / "rviz.launch.py",
         "rate:=0.5",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=patience(), check=False)
     assert done.returncode == 0, done.stderr + done.stdout
     assert (said / "seen").exists(), done.stderr + done.stdout
     names = ["tibia", "femur", "contact_point", "contact_force_on_femur"]

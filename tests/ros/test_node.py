@@ -32,11 +32,11 @@ from tests.helpers.answers import FIELDS
 from tests.helpers.forked import COMMAND
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import HAS_VIEWER, needs_viewer
+from tests.helpers.patience import patience
 from tests.helpers.processes import has_ended, internet_sockets
 from tests.ros.conftest import (
     ANGLES,
     AXIAL,
-    PATIENCE,
     STAMPS,
     STEP,
     Peer,
@@ -153,7 +153,7 @@ def test_a_node_without_standard_streams_computes_and_outlives_its_terminal(
             peer.send_series()
         finally:
             process.send_signal(signal.SIGINT)
-            process.wait(PATIENCE)
+            process.wait(patience())
     assert process.returncode == 0
     assert answers_in(recording) == peer.contacts
 

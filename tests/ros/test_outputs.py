@@ -22,8 +22,8 @@ from knee_contact_ros.node.outputs import MOST_ENDING
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from tests.helpers.needs import needs_viewer
+from tests.helpers.patience import wait_until
 from tests.helpers.processes import has_ended
-from tests.helpers.sinks import wait_until
 from tests.ros.conftest import NodeProcess, Peer, Start, raw, set_parameters, trigger
 
 STEP = 5_000_000

@@ -14,7 +14,8 @@ import pytest
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
 from tests.helpers.needs import HAS_VIEWER
-from tests.ros.conftest import PATIENCE, Start
+from tests.helpers.patience import patience
+from tests.ros.conftest import Start
 
 BOTH, ROS2_CONTROL = "load --with-contact", "knee.source:=dynamic_joint_states"
 REFUSED = [
@@ -154,7 +155,9 @@ def found() -> list[tuple[int, str]]:
         [[*kind.split(), "--ros-args", *shlex.split(given)] for kind, given, _ in REFUSED]
     )
     command = [sys.executable, "-c", PROGRAM, words]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, timeout=PATIENCE, check=True)
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, text=True, timeout=patience(), check=True
+    )
     return [tuple(each) for each in json.loads(done.stdout)]
 
 

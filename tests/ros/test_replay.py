@@ -23,8 +23,9 @@ from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros import one_line_ros_errors
 from tests.helpers.bags import raw_messages, write_rosbag2
+from tests.helpers.patience import patience
 from tests.helpers.terminals import Terminal
-from tests.ros.conftest import PATIENCE, Peer, own_words
+from tests.ros.conftest import Peer, own_words
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
@@ -57,7 +58,7 @@ class Ear:
     def listen_to(self, replay: subprocess.Popen[str]) -> tuple[str, str]:
         """Until it has ended, and until all has come that it has said to have published."""
         self.peer.wait_until(lambda: replay.poll() is not None)
-        output, errors = replay.communicate(timeout=PATIENCE)
+        output, errors = replay.communicate(timeout=patience())
         said = re.match(LAST_LINE, output)
         assert said, output + errors
         self.peer.wait_until(

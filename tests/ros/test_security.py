@@ -16,7 +16,8 @@ import pytest
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.files import share_folder
-from tests.ros.conftest import PATIENCE, Peer, Start
+from tests.helpers.patience import patience
+from tests.ros.conftest import Peer, Start
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
@@ -133,7 +134,7 @@ def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(
     if "without" in name:
         keystore.rename(keystore.with_name("other"))
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=PATIENCE, check=False, cwd=tmp_path
+        command, capture_output=True, text=True, timeout=patience(), check=False, cwd=tmp_path
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert processes_of(tmp_path / "keystore") == []

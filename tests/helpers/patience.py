@@ -1,0 +1,42 @@
+"""How long to wait for what must come: as many seconds as an idle machine never needs, more on a slow or busy one."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+SECONDS = 30.0
+"""[s] on an idle machine, where discovery and the start of a node take up to 5"""
+COUNT = 1_000_000
+"""Numbers that are added to measure the machine"""
+USUAL = 0.009
+"""Processor time [s] of that on a machine of 2026"""
+
+
+@cache
+def slowness() -> float:
+    """How many times slower than usual this machine is; 1 for a faster one."""
+    begin = time.process_time()
+    sum(range(COUNT))
+    return max(1.0, (time.process_time() - begin) / USUAL)
+
+
+def patience() -> float:
+    """How long [s] to wait: the longer, the more processes want each processor."""
+    return SECONDS * slowness() * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
+def pause() -> None:
+    """Let others work."""
+    time.sleep(0.01)
+
+
+def wait_until(done: Callable[[], Any], act: Callable[[], object] = pause) -> None:
+    """Act again and again until something has happened."""
+    begin = time.monotonic()
+    while not done():
+        assert time.monotonic() < begin + patience(), "it did not happen in time"
+        act()
