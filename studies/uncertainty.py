@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros import UsageError, uncertainty
-from knee_contact_ros.lab.uncertainty import Uncertainty
+from knee_contact_ros import UsageError
+from knee_contact_ros.lab.uncertainty import UncertainGait, Uncertainty, read_uncertain_gait
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import share_folder
 
 KNEES: dict[str, list[str]] = {
@@ -51,37 +52,28 @@ class Sampled(NamedTuple):
     inside: NDArray[np.float64]
 
 
-def sampled(found: Uncertainty, samples: int, seed: int = 0) -> list[tuple[Sampled, Sampled]]:
+def sampled(
+    gait: UncertainGait, linear: Uncertainty, samples: int
+) -> list[tuple[Sampled, Sampled]]:
     """Draw all inputs at once (JCGM 101:2008), and give depth and force of each compartment.
 
     A sample with a parameter out of its range is drawn again.
     """
-    several, random = (
-        [found.medial, *([found.lateral] if found.lateral else [])],
-        np.random.default_rng(seed),
-    )
-    before = [
-        np.stack([one.rows["penetration_depth"], one.rows["contact_force"]]) for one in several
-    ]
-    bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in several]
-    sums, done = [np.zeros((3, *one.shape)) for one in before], 0
+    compartments = [linear.medial, *([linear.lateral] if linear.lateral else [])]
+    random = np.random.default_rng(0)
+    before = [depth_and_force(one.rows) for one in compartments]
+    bounds = [np.stack([one.depth_interval(), one.force_interval()], 1) for one in compartments]
+    sums = [np.zeros((3, *one.shape)) for one in before]
+    done = 0
     while done < samples:
-        off = dict(
-            zip(
-                found.medial.parts,
-                random.standard_normal(len(found.medial.parts)).tolist(),
-                strict=True,
-            )
-        )
+        drawn = random.standard_normal(len(gait.deviations)).tolist()
         try:
-            answers = found.given.answers(off, samples)
+            answers = gait.answers(dict(zip(gait.deviations, drawn, strict=True)))
         except UsageError:
             continue
         for place, rows in enumerate(answers):
-            now, (low, high) = (
-                np.stack([rows["penetration_depth"], rows["contact_force"]]),
-                bounds[place],
-            )
+            now = depth_and_force(rows)
+            low, high = bounds[place]
             away = now - before[place]
             sums[place] += np.stack([away, away * away, (low <= now) & (now <= high)])
         done += 1
@@ -93,6 +85,11 @@ def sampled(found: Uncertainty, samples: int, seed: int = 0) -> list[tuple[Sampl
         )
         results.append((depth, force))
     return results
+
+
+def depth_and_force(rows: Any) -> NDArray[np.float64]:
+    """Depth [m] and force [N] of answers, shape (2, n)."""
+    return np.stack([rows["penetration_depth"], rows["contact_force"]])
 
 
 def ratios(drawn: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
@@ -116,10 +113,11 @@ def main(samples: int, output: Path) -> None:
     bag = share_folder() / "bags" / "gait2354_right"
     for name, files in KNEES.items():
         for size, deviations in SIZES.items():
-            found = uncertainty(bag, files, deviations, compiled=True)
+            gait = read_uncertain_gait(bag, load_parameters(files), deviations, compiled=True)
+            found = gait.propagate()
             linear = [found.medial, *([found.lateral] if found.lateral else [])]
             for which, one, (depth, force) in zip(
-                ("medial", "lateral"), linear, sampled(found, samples), strict=False
+                ("medial", "lateral"), linear, sampled(gait, found, samples), strict=False
             ):
                 at = int(one.rows["load"].argmax())
                 cells: list[Any] = [f"{name}, {which}" if len(linear) > 1 else name, size]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from operator import attrgetter
@@ -40,21 +40,20 @@ from knee_contact_ros.system.errors import UsageError, suggest
 from knee_contact_ros.system.files import expand_user, read_mapping
 from knee_contact_ros.system.progress import OnProgress, no_progress, progress
 
-STREAMS = {
+UNCERTAIN_INPUTS = {
     "flexion_angle": ("angles", "rad"),
     "axial_load": ("axial", "N"),
     "medial_share": ("share", ""),
     "femoral_height": ("heights", "m"),
 }
 """Inputs of a tick that may be uncertain: their fields in `Recording`, and units"""
-SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL_PREFIX)
+UNCERTAIN_PREFIXES = ("load.", "femur.", "tibia.", "contact.", "body_weight")
 """Beginnings of the names of the parameters that may be uncertain"""
-LARGEST = 1.0
+MAX_RELATIVE = 1.0
 """Largest relative deviation: beyond it linear propagation does not hold"""
-MOST = {"rad": 0.35, "m": 0.01, "": 1.0}
+MAX_DEVIATION = {"rad": 0.35, "m": 0.01, "": 1.0}
 """Largest deviation of an input by its unit, and of any angle"""
-DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
-LEVEL = 0.95
+DEFAULT_LEVEL = 0.95
 """Default probability of an interval"""
 
 
@@ -78,22 +77,26 @@ class Deviation(NamedTuple):
     @property
     def text(self) -> str:
         """The deviation with its unit, as text."""
-        return (
-            f"{100.0 * self.size:g} %" if self.relative else f"{self.size:g} {self.unit}".strip()
-        )
+        if self.relative:
+            return f"{100.0 * self.size:g} %"
+        return f"{self.size:g} {self.unit}".strip()
 
     @property
     def unit(self) -> str:
         """The SI unit of the input or the parameter; empty if it has none."""
-        return (
-            STREAMS[self.name][1] if self.name in STREAMS else known_parameters()[self.name].unit
-        )
+        return _unit_of(self.name)
+
+
+def _unit_of(name: str) -> str:
+    if name in UNCERTAIN_INPUTS:
+        return UNCERTAIN_INPUTS[name][1]
+    return known_parameters()[name].unit
 
 
 def deviations_of(
     given: Mapping[str, Any] | Name, parameters: Parameters
 ) -> tuple[Deviation, ...]:
-    """Check standard deviations by name (of `STREAMS`, or of parameters that are real numbers), and keep their order.
+    """Check standard deviations by name of inputs or of real parameters, and keep their order.
 
     Each is a number in SI units, or a text in percent of the value, like `"10 %"`; for an angle, a share or a height
     only a number. They may be in a YAML file.
@@ -109,49 +112,61 @@ def deviations_of(
         raise UsageError(
             "uncertainty: no standard deviation is given; for example contact.stiffness: 10 %"
         )
-    left_out = (
-        ("axial_load", "medial_share")
-        if parameters.drive == "displacement"
-        else ("femoral_height",)
-    )
-    sections = SECTIONS if has_two_compartments(parameters) else SECTIONS[:-1]
+    without_effect = {"femoral_height"}
+    if parameters.drive == "displacement":
+        without_effect = {"axial_load", "medial_share"}
+    inputs = [name for name in UNCERTAIN_INPUTS if name not in without_effect]
+    prefixes: tuple[str, ...] = UNCERTAIN_PREFIXES
+    if has_two_compartments(parameters):
+        prefixes = (*prefixes, LATERAL_PREFIX)
+    values = all_values(parameters)
     known = [
         name
-        for name, value in all_values(parameters).items()
-        if name.startswith(sections) and isinstance(value, float)
+        for name, value in values.items()
+        if name.startswith(prefixes) and isinstance(value, float)
     ]
-    values = all_values(parameters) | {"axial_load": parameters.body_weight}
-    streams, found = [name for name in STREAMS if name not in left_out], []
+    found = []
     for name, size in dotted(given).items():
-        if name not in (*streams, *known):
+        if name not in (*inputs, *known):
             where = (
                 f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
             )
-            allowed = f"{where} {', '.join(streams)}, or a real number of {', '.join(sections)}"
-            hint = suggest(name, [*streams, *known], allowed, cutoff=0.75)
+            allowed = f"{where} {', '.join(inputs)}, or a real number of {', '.join(prefixes)}"
+            hint = suggest(name, [*inputs, *known], allowed, cutoff=0.75)
             raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
-        relative = isinstance(size, str)
-        part = name == "axial_load" or name not in STREAMS
-        percent = (
-            re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size)
-            if relative and part
-            else None
-        )
-        number: Any = (
-            size if isinstance(size, Real) and not isinstance(size, bool | np.bool_) else math.nan
-        )
-        number = 0.01 * float(percent[1]) if percent else number
-        unit = STREAMS[name][1] if name in STREAMS else known_parameters()[name].unit
-        by_unit = unit == "rad" or name not in values
-        most = LARGEST if relative else MOST[unit] if by_unit else abs(values[name]) or 1e30
-        if not 0.0 < number <= most + 1e-9 * most:
-            allowed = f"a number > 0{f' and up to {most:g}' if not relative and most < 1e30 else ''} in SI units"
-            raise UsageError(
-                f"uncertainty: {name}: {size!r} is not allowed; {allowed}{part * ', or up to 100 %'}"
-                f"{(unit == 'rad') * '; is it in degrees?'}"
-            )
-        found.append(Deviation(name, float(number), relative))
+        scale = parameters.body_weight if name == "axial_load" else values.get(name)
+        found.append(_deviation(name, size, scale))
     return tuple(found)
+
+
+def _deviation(name: str, size: Any, scale: Any) -> Deviation:
+    """Read a standard deviation; `scale` is the value that it may not exceed, None: percents are not allowed.
+
+    Raises:
+        UsageError: it is no number, not positive or too large.
+    """
+    unit = _unit_of(name)
+    relative = isinstance(size, str)
+    number: Any = math.nan
+    if relative:
+        percent = re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size)
+        if percent and scale is not None:
+            number = 0.01 * float(percent[1])
+        most = MAX_RELATIVE
+    else:
+        if isinstance(size, Real) and not isinstance(size, bool | np.bool_):
+            number = size
+        bounded_by_unit = unit == "rad" or scale is None
+        # A value of 0 bounds nothing.
+        most = MAX_DEVIATION[unit] if bounded_by_unit else abs(scale) or 1e30
+    if not 0.0 < number <= most + 1e-9 * most:
+        limit = "" if relative or most >= 1e30 else f" and up to {most:g}"
+        percents = "" if scale is None else ", or up to 100 %"
+        hint = "; is it in degrees?" if unit == "rad" else ""
+        raise UsageError(
+            f"uncertainty: {name}: {size!r} is not allowed; a number > 0{limit} in SI units{percents}{hint}"
+        )
+    return Deviation(name, float(number), relative)
 
 
 class Propagated(NamedTuple):
@@ -171,10 +186,8 @@ class Propagated(NamedTuple):
     """Changes of depth [m] and force [N], with their signs, when one input alone grows by one deviation"""
 
     def __repr__(self) -> str:
-        at, names = (
-            int(self.rows["contact_force"].argmax()),
-            ", ".join(each.name for each in self.parts),
-        )
+        at = int(self.rows["contact_force"].argmax())
+        names = ", ".join(each.name for each in self.parts)
         force, depth = (self.rows[name][at] for name in ("contact_force", "penetration_depth"))
         return (
             f"<Propagated: {len(self.rows)} ticks; at the largest force {force:.1f} ± {self.force[at]:.2g} N, "
@@ -191,11 +204,11 @@ class Propagated(NamedTuple):
         """Standard deviation of the contact force [N]."""
         return self._combined(1)
 
-    def depth_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
+    def depth_interval(self, level: float = DEFAULT_LEVEL) -> tuple[Floats, Floats]:
         """Return the interval of the depth [m] for a probability, assuming normal errors; not below 0."""
         return self._interval(self.rows["penetration_depth"], self.depth, level)
 
-    def force_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
+    def force_interval(self, level: float = DEFAULT_LEVEL) -> tuple[Floats, Floats]:
         """Return the interval of the contact force [N] for a probability, assuming normal errors.
 
         It does not go below 0, unless the force itself does because the contact law allows tension.
@@ -203,7 +216,7 @@ class Propagated(NamedTuple):
         return self._interval(self.rows["contact_force"], self.force, level)
 
     def _interval(self, values: Any, deviation: Floats, level: float) -> tuple[Floats, Floats]:
-        reach = factor(level) * deviation
+        reach = coverage_factor(level) * deviation
         return np.maximum(values - reach, np.minimum(values, 0.0)), values + reach
 
     def _combined(self, which: int) -> Floats:
@@ -213,7 +226,7 @@ class Propagated(NamedTuple):
         )
 
 
-def factor(level: float) -> float:
+def coverage_factor(level: float) -> float:
     """Return the half-width, in standard deviations, of the interval of a normal value for probability `level`.
 
     Raises:
@@ -224,27 +237,89 @@ def factor(level: float) -> float:
     return NormalDist().inv_cdf(0.5 + 0.5 * level)
 
 
-def propagated(
+@dataclass(frozen=True)
+class UncertainGait:
+    """A recorded gait, its knee, and the standard deviations of its inputs and parameters."""
+
+    deviations: tuple[Deviation, ...]
+    parameters: Parameters
+    files: Mapping[str, str]
+    """Contents of the files that parameters name"""
+    recording: Recording
+    rows: tuple[Rows, ...]
+    """Answers of each compartment, shape (n,)"""
+    compiled: bool
+
+    def answers(self, moved: Mapping[Deviation, float]) -> list[Rows]:
+        """Compute the answers of each compartment with inputs off by a number of their deviations.
+
+        Raises:
+            UsageError: an input or a parameter leaves its range.
+        """
+        # All parameters are named: a named lateral one does not follow its medial one, so it has its own deviation.
+        values = {}
+        fields = {}
+        for deviation in self.deviations:
+            times = moved.get(deviation, 0.0)
+            if deviation.name in UNCERTAIN_INPUTS:
+                field, _ = UNCERTAIN_INPUTS[deviation.name]
+                fields[field] = deviation.moved(getattr(self.recording, field), times)
+            else:
+                value = float(attrgetter(deviation.name)(self.parameters))
+                values[deviation.name] = deviation.moved(value, times)
+        knees = Knees(self.recording._replace(**fields), self.parameters, self.files)
+        found = compute(knees, [values], series=True, compiled=self.compiled)
+        if found.failed[0]:
+            raise UsageError(found.failed[0])
+        return [several[0] for several in found.series]
+
+    def propagate(self, advance: OnProgress = no_progress) -> Uncertainty:
+        """Propagate the standard deviations linearly.
+
+        Raises:
+            UsageError: an input or a parameter leaves its range by one deviation both upwards and downwards.
+        """
+        found = [Propagated(rows, {}) for rows in self.rows]
+        for done, deviation in enumerate(self.deviations, start=1):
+            ends: list[Sequence[Rows]] = []
+            width = 0.0
+            for times in (-1.0, 1.0):
+                try:
+                    ends.append(self.answers({deviation: times}))
+                    width += 1.0
+                except UsageError:  # the difference is that of the other side
+                    ends.append(self.rows)
+            if not width:
+                raise UsageError(
+                    f"uncertainty: {deviation.name}: {deviation.text} exceeds the allowed range in both directions"
+                )
+            for one, below, above in zip(found, *ends, strict=True):
+                depth, force = (
+                    (above[name] - below[name]) / width
+                    for name in ("penetration_depth", "contact_force")
+                )
+                one.parts[deviation] = depth, force
+            advance(done, len(self.deviations))
+        return Uncertainty(found[0], found[1] if len(found) > 1 else None)
+
+
+def read_uncertain_gait(
     bag: Path,
     basis: Parameters | Provenance,
     sizes: Mapping[str, Any] | Name,
     names: Names = OWN_NAMES,
-    advance: OnProgress = no_progress,
     *,
     compiled: bool | None = None,
-    tell: Callable[[Recording], object] = id,
-) -> Uncertainty:
-    """Propagate standard deviations linearly; see `deviations_of` for `sizes`, and `solve` for the other arguments.
-
-    `tell` is called with the recording, which says what is damaged or implausible.
+) -> UncertainGait:
+    """Read a bag; see `deviations_of` for `sizes`, and `solve` for the other arguments.
 
     All answers are held in memory: 300 B for each tick and compartment.
 
     Raises:
-        UsageError: an argument cannot be used, parameters changed while the recording was made, or an input or a
-            parameter leaves its range by one deviation both upwards and downwards.
+        UsageError: an argument cannot be used, or parameters changed while the recording was made.
     """
-    parameters, texts = resolved_parameters(basis), file_contents(basis)
+    parameters = resolved_parameters(basis)
+    texts = file_contents(basis)
     deviations = deviations_of(sizes, parameters)
     if isinstance(basis, Provenance) and basis.changes:
         raise UsageError(
@@ -252,51 +327,9 @@ def propagated(
         )
     files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
     recording, rows = read_recording(bag, basis, texts, names, compiled=compiled)
-    tell(recording)
-    replays = 2 * len(deviations) * sum(map(len, rows))
-    compiled = worth_compiling(replays) if compiled is None else compiled
-
-    def answers(moved: Deviation, times: float) -> Sequence[Rows]:
-        """Answers of each compartment with one input off by a number of deviations; `rows` if it leaves its range.
-
-        All parameters are named, as a named lateral one does not follow its medial one: it has its own deviation.
-        """
-        values = {
-            each.name: each.moved(
-                float(attrgetter(each.name)(parameters)), times * (each == moved)
-            )
-            for each in deviations
-            if each.name not in STREAMS
-        }
-        field = STREAMS[moved.name][0] if moved.name in STREAMS else ""
-        inputs = (
-            recording._replace(**{field: moved.moved(getattr(recording, field), times)})
-            if field
-            else recording
-        )
-        try:
-            found = compute(
-                Knees(inputs, parameters, files), [values], series=True, compiled=compiled
-            )
-        except UsageError:  # an input
-            return rows
-        return rows if found.failed[0] else [several[0] for several in found.series]
-
-    found = [Propagated(each, {}) for each in rows]
-    for done, deviation in enumerate(deviations, start=1):
-        ends = [answers(deviation, times) for times in (-1.0, 1.0)]
-        width = 2.0 - sum(
-            end is rows for end in ends
-        )  # where one is `rows`, the difference is that of the other side
-        if not width:
-            raise UsageError(
-                f"uncertainty: {deviation.name}: {deviation.text} exceeds the allowed range in both directions"
-            )
-        for one, below, above in zip(found, *ends, strict=True):
-            depth, force = ((above[name] - below[name]) / width for name in DEPTH_AND_FORCE)
-            one.parts[deviation] = depth, force
-        advance(done, len(deviations))
-    return Uncertainty(found[0], found[1] if len(found) > 1 else None)
+    if compiled is None:
+        compiled = worth_compiling(2 * len(deviations) * sum(map(len, rows)))
+    return UncertainGait(deviations, parameters, files, recording, rows, compiled)
 
 
 @dataclass(frozen=True)
@@ -363,12 +396,6 @@ def uncertainty(
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         with progress("Propagating") as advance:
-            return propagated(
-                path,
-                basis,
-                deviations or {},
-                names,
-                advance,
-                compiled=compiled,
-                tell=lambda read: warn_of(path, "solved", read.doubts, read.damage),
-            )
+            gait = read_uncertain_gait(path, basis, deviations or {}, names, compiled=compiled)
+            warn_of(path, "solved", gait.recording.doubts, gait.recording.damage)
+            return gait.propagate(advance)

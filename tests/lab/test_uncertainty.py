@@ -16,9 +16,9 @@ from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.lab.uncertainty import (
     Deviation,
     Propagated,
+    coverage_factor,
     deviations_of,
-    factor,
-    propagated,
+    read_uncertain_gait,
 )
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -153,7 +153,7 @@ def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_argume
     provenance = read_provenance(tmp_path / "out.mcap")
     assert provenance is not None
     with pytest.raises(UsageError, match="its parameters changed, or the model was reset"):
-        propagated(
+        read_uncertain_gait(
             short_bag, provenance._replace(changes=(Change(3, None),)), {"flexion_angle": 0.01}
         )
     for arguments, said in (
@@ -230,7 +230,7 @@ def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(
     found = of(light, {"axial_load": 0.9, "contact.stiffness": "90 %"})
     assert (found.depth_interval(0.999)[0] == 0.0).all()
     assert (found.force_interval(0.999)[0] == 0.0).all()
-    assert factor(0.95) == pytest.approx(
+    assert coverage_factor(0.95) == pytest.approx(
         1.959963984540054, rel=1e-12
     )  # tables of the normal distribution
     for level in (0.0, 1.0, -0.3, math.nan):

@@ -30,7 +30,7 @@ from knee_contact_ros.lab.report.runs import (
     collect,
     differences,
 )
-from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
+from knee_contact_ros.lab.uncertainty import DEFAULT_LEVEL, Propagated
 from knee_contact_ros.model.types import MM, ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
@@ -339,8 +339,8 @@ def _contribution_table(run: ReportRun, of: Propagated) -> PageTable:
     least, most = (edge[at] for edge in of.force_interval())
     note = (
         f"At the largest {where}, with sign: what one standard deviation more does; together the depth lies between "
-        f"{low:.3f} and {high:.3f} mm, and the contact force between {least:.0f} and {most:.0f} N ({LEVEL:.0%}). "
-        "RMS: over all ticks."
+        f"{low:.3f} and {high:.3f} mm, and the contact force between {least:.0f} and {most:.0f} N "
+        f"({DEFAULT_LEVEL:.0%}). RMS: over all ticks."
     )
     return PageTable(("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]"), rows, note)
 

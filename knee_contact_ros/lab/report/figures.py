@@ -22,7 +22,7 @@ from knee_contact_ros.lab.report.gathered import (
     Quantity,
 )
 from knee_contact_ros.lab.report.runs import ReportRun
-from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
+from knee_contact_ros.lab.uncertainty import DEFAULT_LEVEL, Propagated
 from knee_contact_ros.model.readouts import LAWS_WITH_PRESSURE
 from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
@@ -346,7 +346,7 @@ def uncertainty(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw depth, force and the effects of uncertain inputs around the largest load or force, for every run."""
     figures: list[Figure] = []
     caption = (
-        f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
+        f"Depth and contact force with their {100.0 * DEFAULT_LEVEL:.0f} % intervals. Below: what one standard "
         "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
     )
     known = [(run, run.uncertain) for run in runs if run.uncertain]

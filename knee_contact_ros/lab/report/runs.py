@@ -24,7 +24,7 @@ from knee_contact_ros.bags.provenance import (
     with_values,
 )
 from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, Gathered
-from knee_contact_ros.lab.uncertainty import Propagated, propagated
+from knee_contact_ros.lab.uncertainty import Propagated, read_uncertain_gait
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
@@ -260,9 +260,8 @@ class _Source(NamedTuple):
             uncertain: Sequence[Propagated | None] = [None, None]
             if self.options.uncertainty:
                 self.bar.describe(f"Uncertainty of {self.path.name}")
-                effects = propagated(
-                    self.path, self._basis, self.options.uncertainty, names, self.bar
-                )
+                gait = read_uncertain_gait(self.path, self._basis, self.options.uncertainty, names)
+                effects = gait.propagate(self.bar)
                 uncertain = [effects.medial, effects.lateral]
             others = self._with_other_law(compared, names) if compared else []
             for run in runs:
