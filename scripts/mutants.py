@@ -1,0 +1,316 @@
+"""Put faults into a copy of the package, one at a time, and see whether the tests find them.
+
+python -m scripts.mutants [--only PART_OF_A_NAME] [--jobs 2]
+
+Run it before a release: about 15 minutes on two processors. It ends with 1 if a fault is found by no test. Each
+fault of `MUTANTS` replaces a piece of code by a wrong one, and names the tests that should see it; a new test, or a new
+rule of the model, may get a fault here.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+from typing import NamedTuple
+
+import click
+
+ROOT = Path(__file__).parents[1]
+TIME_LIMIT = 300.0
+"""Time [s] after which the tests of a fault are ended; a fault that makes them wait counts as found"""
+FAILED = 1
+"""Exit code of pytest if tests failed; another one means that it could not run them"""
+KERNEL = Path("knee_contact_ros/model/__pycache__")
+"""Folder of the compiled model; copied, so that only faults of the model compile it again"""
+
+
+class Mutant(NamedTuple):
+    """Fault of the package."""
+
+    name: str
+    """What is wrong"""
+    file: str
+    """Module in the package"""
+    code: str
+    """Piece of the module's text, which occurs once"""
+    fault: str
+    """Text in its place"""
+    tests: str
+    """Files or folders of `tests/` that should find it, separated by spaces"""
+
+
+MUTANTS = (
+    # The contact model
+    Mutant(
+        "a law's force is 0.1 % too high",
+        "model/laws.py",
+        "return float(law[layer, _BASE]) + elastic + damping * rate",
+        "return float(law[layer, _BASE]) + 1.001 * elastic + damping * rate",
+        "model/test_laws.py",
+    ),
+    Mutant(
+        "the loss number of flores",
+        "model/laws.py",
+        "8.0 * (1.0 - restitution) / (5.0 * restitution)",
+        "8.0 * (1.0 - restitution) / (5.1 * restitution)",
+        "model/test_laws.py",
+    ),
+    Mutant(
+        "a spline's end slope",
+        "model/mechanisms.py",
+        "chord[-1] + width[-1] * left[-1] / 6.0",
+        "chord[-1] + width[-1] * left[-1] / 3.0",
+        "model/test_mechanisms.py",
+    ),
+    Mutant(
+        "the loading rate over a reset",
+        "model/readouts.py",
+        'continues = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)',
+        "continues = steps > 0.0",
+        "model/test_readouts.py",
+    ),
+    Mutant(
+        "the peak pressure is the mean one",
+        "model/readouts.py",
+        'read["peak_pressure"] = self.spread.peak * read',
+        'read["peak_pressure"] = read',
+        "model/test_readouts.py",
+    ),
+    # From sensors to a load
+    Mutant(
+        "the sign of the centripetal acceleration",
+        "joint_reaction/leg.py",
+        "arm * complex(-turning.rate * turning.rate",
+        "arm * complex(turning.rate * turning.rate",
+        "joint_reaction",
+    ),
+    Mutant(
+        "the calf does not help to extend",
+        "joint_reaction/muscles.py",
+        "extension_moment + calf * gastrocnemius",
+        "extension_moment - calf * gastrocnemius",
+        "joint_reaction",
+    ),
+    Mutant(
+        "the medial share by the wrong side of the moment",
+        "joint_reaction/compartments.py",
+        "0.5 * axial - moment / self.spacing",
+        "0.5 * axial + moment / self.spacing",
+        "joint_reaction streams",
+    ),
+    Mutant(
+        "a share between the cells of its table",
+        "joint_reaction/compartments.py",
+        "(by_load + by_both * right) * up",
+        "by_load * up",
+        "joint_reaction",
+    ),
+    # Streams
+    Mutant(
+        "the moment of a turned force about y",
+        "streams/frames.py",
+        "my + pz * fx - px * fz",
+        "my - pz * fx + px * fz",
+        "streams/test_frames.py",
+    ),
+    Mutant(
+        "a stride with an unusable answer is usable",
+        "streams/strides.py",
+        ".astype(int) & UNUSABLE).any()",
+        ".astype(int) & 0).any()",
+        "streams/test_strides.py",
+    ),
+    Mutant(
+        "the sliding distance of speeds that turn round",
+        "streams/strides.py",
+        "turned = begin * end < 0.0",
+        "turned = begin * end < -1e9",
+        "streams/test_strides.py",
+    ),
+    # Recordings
+    Mutant(
+        "sequence numbers begin again in each file",
+        "bags/recorder.py",
+        "earlier = {topic: self.file.next_sequence(topic) for topic in self.file.channels}",
+        "earlier = {topic: 0 for topic in self.file.channels}",
+        "bags/test_recorder.py",
+    ),
+    Mutant(
+        "a file is split a moment too late",
+        "bags/recorder.py",
+        "if span < limits.duration and",
+        "if span <= limits.duration and",
+        "bags/test_recorder.py",
+    ),
+    Mutant(
+        "the present file is not synced to the disk",
+        "bags/recorder.py",
+        "            file.sync()\n        self.file.sync()",
+        "            file.sync()",
+        "bags",
+    ),
+    Mutant(
+        "a damaged chunk is read",
+        "bags/mcap_file.py",
+        "if chunk.checksum and zlib.crc32(data) != chunk.checksum:",
+        "if chunk.checksum and zlib.crc32(data) != chunk.checksum and not data:",
+        "bags",
+    ),
+    Mutant(
+        "the digest of a bag leaves out the names of its files",
+        "bags/folder.py",
+        'f"{path.name} {sha256_of(file)}\\n"',
+        'f"{sha256_of(file)}\\n"',
+        "bags offline",
+    ),
+    # Parameters
+    Mutant(
+        "an earlier parameter file wins",
+        "parameters/files.py",
+        "merged, sections = merged | given, {}",
+        "merged, sections = given | merged, {}",
+        "parameters",
+    ),
+    # From the laboratory
+    Mutant(
+        "a per cent of body weight is a tenth",
+        "lab/units.py",
+        "PERCENT_BODY_WEIGHT: 0.01,",
+        "PERCENT_BODY_WEIGHT: 0.1,",
+        "lab/test_tables.py lab/test_sensors.py",
+    ),
+    Mutant(
+        "radians up to 6.9 pass as degrees",
+        "lab/checks.py",
+        "_LARGEST_RADIANS = 3.5",
+        "_LARGEST_RADIANS = 6.9",
+        "lab/opensim lab/test_sensors.py",
+    ),
+    Mutant(
+        "intervals of a fit are a third too narrow",
+        "lab/calibrate/intervals.py",
+        "minuit.errordef = 0.5 * fit.quantile(level)",
+        "minuit.errordef = 0.2 * fit.quantile(level)",
+        "lab/calibrate",
+    ),
+    Mutant(
+        "an outcome of a study takes another field",
+        "lab/outcomes.py",
+        '"peak_depth": "penetration_depth",',
+        '"peak_depth": "cartilage_depth",',
+        "lab/sweep",
+    ),
+)
+
+
+class Outcome(NamedTuple):
+    """What the tests say of a fault."""
+
+    mutant: Mutant
+    found: bool
+    said: str
+    """First test that failed, or why none did"""
+    seconds: float
+
+
+def mutated(mutant: Mutant, source: str) -> str:
+    """Return the text of a module with a fault.
+
+    Raises:
+        ValueError: the piece of code does not occur exactly once.
+    """
+    if (count := source.count(mutant.code)) != 1:
+        raise ValueError(f"{mutant.name}: {mutant.file} has {mutant.code!r} {count} times")
+    return source.replace(mutant.code, mutant.fault)
+
+
+def copy_of_the_project(folder: Path) -> Path:
+    """Copy the files of this checkout that git knows or does not ignore, and the compiled model."""
+    listed = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True)
+    for name in filter(None, names.stdout.split("\0")):
+        if (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, folder / name)
+    if (ROOT / KERNEL).is_dir():
+        shutil.copytree(ROOT / KERNEL, folder / KERNEL)
+    return folder
+
+
+def run_tests(tests: Sequence[str], folder: Path) -> tuple[int | None, str]:
+    """Run tests in a copy until one fails; return pytest's exit code, None after `TIME_LIMIT`, and what it said."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider"]
+    command += ["-p", "no:xdist", "--tb=no", *(f"tests/{one}" for one in tests)]
+    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    process = subprocess.Popen(
+        command,
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        output, _ = process.communicate(timeout=TIME_LIMIT)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, 9)
+        process.communicate()
+        return None, f"no end after {TIME_LIMIT:.0f} s"
+    failed = [line for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return process.returncode, failed[0] if failed else output.strip().splitlines()[-1]
+
+
+def outcome_of(mutant: Mutant, folder: Path) -> Outcome:
+    """Put a fault into a copy, run its tests, and restore the copy."""
+    module = folder / "knee_contact_ros" / mutant.file
+    source, begin = module.read_text(encoding="utf-8"), time.monotonic()
+    try:
+        module.write_text(mutated(mutant, source), encoding="utf-8")
+        code, said = run_tests(mutant.tests.split(), folder)
+    finally:
+        module.write_text(source, encoding="utf-8")
+    return Outcome(mutant, code in (FAILED, None), said, time.monotonic() - begin)
+
+
+@click.command()
+@click.option("--only", default="", help="Only faults whose name or module has this part.")
+@click.option("--jobs", default=2, type=click.IntRange(1), help="Faults that are tried at a time.")
+def main(only: str, jobs: int) -> None:
+    """Try the faults, and print which test found each."""
+    chosen = [one for one in MUTANTS if only in f"{one.name} {one.file}"]
+    with tempfile.TemporaryDirectory() as temporary, ThreadPoolExecutor(jobs) as pool:
+        folders = SimpleQueue[Path]()
+        for number in range(jobs):
+            folders.put(copy_of_the_project(Path(temporary) / f"copy_{number}"))
+
+        def tried(mutant: Mutant) -> Outcome:
+            folder = folders.get()
+            try:
+                return outcome_of(mutant, folder)
+            finally:
+                folders.put(folder)
+
+        missed = []
+        for outcome in pool.map(tried, chosen):
+            verdict = "found " if outcome.found else "MISSED"
+            print(
+                f"{verdict} {outcome.seconds:5.0f} s  {outcome.mutant.name}: {outcome.said}",
+                flush=True,
+            )
+            missed += [] if outcome.found else [outcome.mutant.name]
+    print(f"{len(chosen) - len(missed)} of {len(chosen)} faults found")
+    sys.exit(bool(missed))
+
+
+if __name__ == "__main__":
+    main()
