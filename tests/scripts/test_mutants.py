@@ -16,5 +16,5 @@ def test_a_fault_replaces_code_that_is_there(mutant: Mutant) -> None:
 
 
 def test_code_that_is_gone_is_named() -> None:
-    with pytest.raises(ValueError, match="a fault: model/laws.py has 'no such code' 0 times"):
+    with pytest.raises(ValueError, match=r"a fault: model/laws\.py has 'no such code' 0 times"):
         mutated(Mutant("a fault", "model/laws.py", "no such code", "", "model"), "some code")
