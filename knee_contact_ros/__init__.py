@@ -32,7 +32,7 @@ _PLACES = {
     "UsageError": "system.errors",
     "calibrate": "lab.calibrate",
     "estimate_load": "offline.notebooks",
-    "load_model": "streams.contact_pipeline",
+    "load_model": "offline.notebooks",
     "sensitivity": "lab.sensitivity",
     "solve": "offline.notebooks",
     "sweep": "lab.sweep",

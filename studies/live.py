@@ -24,6 +24,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 
 from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     change_record,
@@ -83,29 +84,30 @@ def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
             topic: f"/{topic}" for topic in recorded_topics(has_two_compartments(parameters))
         }
         writer = AnswerWriter(bag, provenance_record(parameters, {}), topics)
+        leg = DrawnLeg()
         for _, i, kind in sorted(events):
             if kind == "change":
                 name = dice.choice(list(CHANGES))
                 value = round(dice.uniform(*CHANGES[name]), 4)
                 changed = load_parameters(all_values(pipeline.parameters) | {name: value})
-                pipeline.check(changed)
+                pipeline.check_retune(changed)
                 pipeline.retune(changed)
                 writer.write_note(PARAMETERS_CHANGED, change_record(pipeline.ticks, {name: value}))
                 continue
             stamp, angle = 5 * i * MS, 0.5 + 0.3 * (i % 40) / 40.0
             if kind == "angle":
-                answers = pipeline.joint_state(
+                answers = pipeline.push_joint_state(
                     encode_joint_state(JointState(stamp, "", ("knee",), (angle,), (), ()))
                 )
             else:
                 force, torque = (0.0, -900.0 - 10.0 * (i % 20), 0.0), (1.0 * (i % 7), 0.0, 0.0)
-                answers = pipeline.force(
+                answers = pipeline.push_force(
                     encode_wrench_stamped(WrenchStamped(stamp, "", force, torque))
                 )
             for answer in answers:
-                writer.write_answer(answer.records)
-        for answer in pipeline.finish():
-            writer.write_answer(answer.records)
+                writer.write_answer(leg.records_with_leg(answer))
+        for answer in pipeline.finish_streams():
+            writer.write_answer(leg.records_with_leg(answer))
         writer.write_ending(pipeline.ending())
 
 
@@ -164,11 +166,11 @@ def clock(dice: random.Random) -> str:
         angle = encode_joint_state(
             JointState(ahead, "", ("knee",), (0.6 + 0.5 * math.sin(6.0 * i / rate),), (), ())
         )
-        answers = [*pipeline.joint_state(angle)]
-        answers += pipeline.force(
+        answers = [*pipeline.push_joint_state(angle)]
+        answers += pipeline.push_force(
             encode_wrench_stamped(WrenchStamped(stamp, "", (0.0, -1e3, 0.0), (0.0, 0.0, 0.0)))
         )
-        found += [answer.row[STATUS] for answer in answers if i > (2.5 + abs(away)) * rate]
+        found += [answer.rows[0][STATUS] for answer in answers if i > (2.5 + abs(away)) * rate]
     flagged = sum(bool(status & Status.STALE_INPUT) for status in found)
     wrong = (abs(away) > gap + 1.0 / rate and flagged < len(found)) or (
         abs(away) < gap and flagged > 0

@@ -294,7 +294,7 @@ def warm(given: ParameterOptions) -> None:
     from knee_contact_ros.model.compiler import folders
     from knee_contact_ros.model.kernel import compiled_run, kept_files
     from knee_contact_ros.model.ticks import run
-    from knee_contact_ros.streams.contact_pipeline import load_model
+    from knee_contact_ros.offline.notebooks import load_model
 
     if any(given):
         load_model([*given.files(), given.values()], compiled=False)

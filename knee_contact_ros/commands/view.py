@@ -23,7 +23,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.contact_pipeline import answering
+from knee_contact_ros.streams.compartments import compartment_of_topic
 from knee_contact_ros.streams.topics import (
     KNEE,
     LATERAL,
@@ -197,7 +197,7 @@ def _knees(
     texts = provenance.file_contents() if provenance else curve_texts(parameters, {})
     models = [
         build_model(own, curves=curves)
-        for own, curves in (answering(one, parameters, texts) for one in topics)
+        for own, curves in (compartment_of_topic(one, parameters, texts) for one in topics)
     ]
     drawings = outlines_of_compartments(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):

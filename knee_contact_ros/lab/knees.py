@@ -27,7 +27,7 @@ from knee_contact_ros.parameters.files import (
     variations_of,
 )
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
-from knee_contact_ros.streams.contact_pipeline import half_spacing, move_along_z
+from knee_contact_ros.streams.compartments import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 
 CACHE_SIZE = 64

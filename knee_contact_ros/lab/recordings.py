@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
 from knee_contact_ros.offline.bag_parameters import resolved_parameters
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
@@ -77,33 +76,15 @@ def read_recording(
     Raises:
         UsageError: the bag cannot be used, see `solve`.
     """
-    inputs: list[tuple[Any, Any, Any]] = []
-    blocks: list[Sequence[Rows]] = []
-
-    def listen(stream: ContactPipeline) -> None:
-        class Noting(LoadRule):
-            def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
-                inputs.append((axial, moment, flexion))
-                return super().__call__(axial, moment, flexion)
-
-        stream.rule = Noting(**vars(stream.rule))
-
+    blocks: list[AnswerBlock] = []
     summary = solve(
-        bag,
-        basis,
-        None,
-        advance,
-        names=names,
-        compiled=compiled,
-        keep=blocks.append,
-        prepare=listen,
-        curves=texts,
+        bag, basis, None, advance, names=names, compiled=compiled, keep=blocks.append, curves=texts
     )
-    columns = [[np.atleast_1d(one) for one in column] for column in zip(*inputs, strict=True)]
-    axial, moment, angles = (
-        np.ascontiguousarray(np.concatenate(column), dtype=float) for column in columns
-    )
-    rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    axial = np.concatenate([block.axial for block in blocks])
+    moment = np.concatenate([block.moment for block in blocks])
+    angles = np.concatenate([block.angle for block in blocks])
+    compartments = zip(*[block.rows for block in blocks], strict=True)
+    rows = tuple(np.concatenate(parts) for parts in compartments)
     stamps, height = rows[0]["stamp"].copy(), rows[0]["femoral_height"].copy()
     steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
     steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0

@@ -24,6 +24,7 @@ from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.model.compiler import COMPILING
 from knee_contact_ros.model.kernel import kept_files
@@ -35,18 +36,19 @@ from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
-from knee_contact_ros.streams.contact_pipeline import ContactPipeline
+from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import check_stamp, encode_joint_state
 from knee_contact_ros.streams.output import RecordedKnee
-from knee_contact_ros.streams.pairing import LoadSample, PairedSample
 from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
+from knee_contact_ros.streams.timeline import LoadSample
 from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_STRIDE,
     KNEE_CONTACT_WRENCH,
     NANOSECONDS,
+    TickOutput,
     knee_name,
     recorded_topics,
     typestore,
@@ -141,6 +143,7 @@ class ContactSession(Session):
         self._publish_wrench = self._publishers[KNEE_CONTACT_WRENCH].handle.publish_raw
         self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
         self._strides = StrideTopic(self._publishers[KNEE_CONTACT_STRIDE], parameters.body_weight)
+        self._leg = DrawnLeg()
         self._open()
         if parameters.rerun.mode in ("serve", "spawn"):
             url = server_address(parameters.rerun.port)
@@ -172,7 +175,7 @@ class ContactSession(Session):
                 process.kill()
                 process.wait()
         with interrupting():
-            self.pipeline.compile()
+            self.pipeline.compile_model()
 
     def stop(self) -> None:
         """Close the inputs, answer waiting samples, and stop showing markers."""
@@ -205,24 +208,21 @@ class ContactSession(Session):
         }
         return RecordedKnee(parameters, models, self._names, provenance)
 
-    def _publish(self, pair: PairedSample) -> None:
-        clock, pipeline = time.perf_counter, self.pipeline
-        begin = clock()
-        messages = pipeline.compute(pair)
-        for publish, message in zip(self._publish_contact, messages, strict=True):
+    def _publish(self, answer: ContactAnswer, begin: float) -> None:
+        for publish, message in zip(self._publish_contact, answer.messages, strict=True):
             publish(message)
-        end = clock()
-        latency = end - pair.load.arrived
-        answer = pipeline.answer(pair, messages, latency)
-        _, _, wrench = answer.records[-1]
-        self._publish_wrench(wrench)
-        self.outputs.put(answer)
-        self._markers.newest = (pair.load, answer.row)
-        self.health.rows.append(answer.row)
+        end = time.perf_counter()
+        self._publish_wrench(answer.wrench)
+        load = answer.pair.load
+        latency = end - load.arrived
+        rows = answer.rows_with_latency(latency)
+        self.outputs.put(TickOutput.of(rows, self._leg.records_with_leg(answer)))
+        self._markers.newest = (load, rows)
+        self.health.rows.append(rows)
         if self._strides.rows is not None:
-            self._strides.rows.append(answer.row)
-            self._strides.frame_id = pair.load.frame_id
-        levels, flags = zip(*COUNTED.iter_unpack(answer.row), strict=True)
+            self._strides.rows.append(rows)
+            self._strides.frame_id = load.frame_id
+        levels, flags = zip(*COUNTED.iter_unpack(rows), strict=True)
         self.count(levels[-1], flags[0] | flags[-1], end - begin, latency)
 
 

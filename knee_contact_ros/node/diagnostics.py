@@ -108,7 +108,7 @@ class Health:
             *map(
                 self._input,
                 self.session.inputs,
-                (self._pipeline.angles_seen, self._pipeline.forces_seen),
+                (self._pipeline.angle_conflict, self._pipeline.force_conflict),
             ),
             self._refused(),
             self.pairing(),
@@ -168,11 +168,13 @@ class Health:
         """Entry for an input; publishers that disagree are logged."""
         (values, problem), publishers = stream.meter.report(), stream.publishers
         joint = (
-            self.session.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
+            self.session.parameters.knee.joint_name
+            if seen is self._pipeline.angle_conflict
+            else ""
         )
         words = seen.sentence(f"{publishers} publishers" if publishers > 1 else "", joint)
         self.warn(stream.topic, words)
-        seen.forget()
+        seen.clear_findings()
         values |= {
             "reliability": stream.reliability.replace("_", " "),
             "publishers": str(publishers),
@@ -214,7 +216,10 @@ class Health:
         lead, full = paired.lead or 0.0, 100.0 * paired.fill
         jumps = {JOINT_STATES: paired.angle_time.jumps, force: paired.load_time.jumps}
         values = {f"jumps of {topic}": str(number) for topic, number in jumps.items()}
-        values |= {"queue [%]": f"{full:.0f}", "angles not recorded": str(paired.unrecorded)}
+        values |= {
+            "queue [%]": f"{full:.0f}",
+            "angles not recorded": str(paired.unrecorded_angles),
+        }
         if paired.lead is not None:
             values["force ahead of angle [s]"] = f"{lead:.3f}"
         if paired.leads:
@@ -223,12 +228,12 @@ class Health:
                 "force ahead of angle, median [s] (pairing.angle_delay, if it is the sensor's)"
             ] = f"{usual:.4f}"
             paired.leads = []
-        lost = self.more("unrecorded", paired.unrecorded)
+        lost = self.more("unrecorded", paired.unrecorded_angles)
         off = self.more("off time", sum(paired.refused[reason] for reason in OFF_TIME))
         first, second = (JOINT_STATES, force)[:: 1 if lead > 0 else -1]
         apart = f"stamps of {first} lie {abs(lead):.3f} s behind those of {second}"
         apart += "; one of them counts from boot" if abs(lead) > FROM_BOOT else ""
-        apart += ", and the answers are flagged (STALE_INPUT)" if paired.apart else ""
+        apart += ", and the answers are flagged (STALE_INPUT)" if paired.clocks_differ else ""
         _, text = warned(
             f"{lost} angles are not recorded: more of them than pairing.queue came without a force"
             if lost

@@ -24,13 +24,13 @@ from knee_contact_ros.node.inputs import HandedInputs, HandOver
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.load_pipeline import LoadPipeline
+from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, RecordedKnee
-from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     LOAD_ESTIMATE,
     LOAD_RECORDED,
+    TickOutput,
 )
 
 LIVE = frozenset(
@@ -111,24 +111,21 @@ class LoadSession(Session):
             stamp = super()._on_joint_state(data)
         return stamp
 
-    def _publish(self, pair: PairedSample) -> None:
-        begin = time.perf_counter()
-        messages = self.pipeline.compute(pair)
+    def _publish(self, answer: LoadAnswer, begin: float) -> None:
         try:
-            self._takers.forces.give(messages[0])  # the contact is what somebody waits for
+            self._takers.forces.give(answer.reaction)  # the contact is what somebody waits for
         finally:
-            self._publish_estimate(pair, messages, begin)
+            self._publish_estimate(answer, begin)
 
-    def _publish_estimate(self, pair: PairedSample, messages: list[bytes], begin: float) -> None:
-        """Publish, record and count the tick whose computation began at a time [s]."""
-        reaction, estimate = messages
-        self._reaction.publish(reaction)
+    def _publish_estimate(self, answer: LoadAnswer, begin: float) -> None:
+        """Publish, record and count an answer whose computation began at a time [s]."""
+        self._reaction.publish(answer.reaction)
         end = time.perf_counter()
-        latency = end - pair.load.arrived
-        self._estimate.publish(estimate)
-        self.outputs.put(self.pipeline.answer(pair, messages, latency))
-        computed = self.pipeline.estimate
-        self.count(int(computed.level), computed.status, end - begin, latency)
+        self._estimate.publish(answer.message)
+        self.outputs.put(TickOutput.of(b"", answer.records()))
+        latency = end - answer.pair.load.arrived
+        estimate = answer.estimate
+        self.count(int(estimate.level), estimate.status, end - begin, latency)
 
 
 LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)

@@ -34,7 +34,7 @@ from knee_contact_ros.streams.output import (
     Report,
     Sink,
 )
-from knee_contact_ros.streams.topics import NANOSECONDS, Answer, Ending
+from knee_contact_ros.streams.topics import NANOSECONDS, Ending, TickOutput
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import free_names
 from knee_contact_ros.system.processes import Process, reap_process, start_connected
@@ -86,7 +86,7 @@ class SinkProcess:
         self._thread = threading.Thread(target=self._run, name="feeder", daemon=True)
         self._thread.start()
 
-    def put(self, item: Answer | Note) -> None:
+    def put(self, item: TickOutput | Note) -> None:
         """Hand over an answer, or a note between two of them; never waits. Not to be called from two threads."""
         if self._closed:
             return
@@ -159,7 +159,7 @@ class SinkProcess:
 
     def _unsent(self) -> int:
         """Number of answers that wait."""
-        return sum(isinstance(item, Answer) for item in self._waiting.copy())
+        return sum(isinstance(item, TickOutput) for item in self._waiting.copy())
 
     def _fill(self) -> float:
         """Fill of the queue: 1 when it is full."""
@@ -241,8 +241,8 @@ class SinkProcess:
         """Send the oldest answers, or the oldest item if it is not an answer; return how many."""
         waiting, items = self._waiting, [self._waiting.popleft()]
         sent = items[0]
-        if isinstance(sent, Answer):
-            while waiting and len(items) < BATCH and isinstance(waiting[0], Answer):
+        if isinstance(sent, TickOutput):
+            while waiting and len(items) < BATCH and isinstance(waiting[0], TickOutput):
                 items.append(waiting.popleft())
             sent = [getattr(item, self._sink.part) for item in items]
         self._sent_size += sum(map(size_of, items))
@@ -269,7 +269,7 @@ class SinkProcess:
 
 def size_of(item: Any) -> int:
     """Memory [B] that an item takes while it waits, approximately."""
-    if isinstance(item, Answer):
+    if isinstance(item, TickOutput):
         return ANSWER_SIZE + RECORD_SIZE * len(item.records) + item.size
     return ANSWER_SIZE
 
@@ -288,16 +288,16 @@ class Ring:
         Their time is that of their stamps, without the steps back of a clock that was set.
         """
         self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
-        self._items: deque[tuple[int, Answer | Note]] = deque()
+        self._items: deque[tuple[int, TickOutput | Note]] = deque()
         self._now = self._last = self._size = 0
 
-    def put(self, item: Answer | Note) -> None:
+    def put(self, item: TickOutput | Note) -> None:
         """Keep an item, and forget what is too old.
 
         Answers before a change of parameters are forgotten, since a recording begins with one set of parameters.
         """
         items = self._items
-        if isinstance(item, Answer):
+        if isinstance(item, TickOutput):
             before, self._last = self._last, item.records[-1][1]
             self._now += max(self._last - before, 0)
         elif item.name == PARAMETERS_CHANGED and any(
@@ -316,9 +316,9 @@ class Ring:
         ):
             self._size -= size_of(items.popleft()[1])
 
-    def taken(self) -> tuple[list[Answer | Note], float]:
+    def taken(self) -> tuple[list[TickOutput | Note], float]:
         """The kept items, oldest first, and the time [s] from the first answer to the last."""
-        times = [at for at, item in self._items if isinstance(item, Answer)]
+        times = [at for at, item in self._items if isinstance(item, TickOutput)]
         return [item for _, item in self._items], (
             times[-1] - times[0]
         ) / NANOSECONDS if times else 0.0
@@ -355,7 +355,7 @@ class Outputs:
         for sink in self.sinks.values():
             sink.wait_until_known()
 
-    def put(self, item: Answer | Note) -> None:
+    def put(self, item: TickOutput | Note) -> None:
         """Hand an answer, or a note between two of them, to all outputs."""
         self.ring.put(item)
         for sink in self.sinks.values():
@@ -378,14 +378,14 @@ class Outputs:
         self._ending += [before] if before else []
         return Path(recording.name)
 
-    def save_snapshot(self, items: Sequence[Answer | Note], knee: RecordedKnee) -> None:
+    def save_snapshot(self, items: Sequence[TickOutput | Note], knee: RecordedKnee) -> None:
         """Write the kept answers and notes to a separate recording.
 
         Raises:
             UsageError: as for `start_recording`.
         """
         recording = self._recording(
-            knee, sum(item.size for item in items if isinstance(item, Answer))
+            knee, sum(item.size for item in items if isinstance(item, TickOutput))
         )
         for item in items:
             recording.put(item)

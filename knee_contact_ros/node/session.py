@@ -7,7 +7,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ClassVar
@@ -40,8 +40,8 @@ from knee_contact_ros.parameters.sources import WRENCH_STAMPED, source_of
 from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Note, RecordedKnee
-from knee_contact_ros.streams.pairing import PairedSample, Pipeline
-from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
+from knee_contact_ros.streams.pipeline import Pipeline
+from knee_contact_ros.streams.topics import JOINT_STATES, Ending, TickOutput
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import check_writable, expand_stamp, free_names
 
@@ -60,7 +60,7 @@ class Session(ABC):
     health: Health
     """What it reports"""
 
-    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Pipeline) -> None:
+    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Pipeline[Any]) -> None:
         """Make a session without inputs and outputs; `parameters` are those of the kind of node."""
         self.node, self.parameters, self.pipeline = node, parameters, pipeline
         self.counts: Counter[tuple[int, int]] = Counter()
@@ -83,8 +83,8 @@ class Session(ABC):
         self._timers: list[Any] = []
 
     @abstractmethod
-    def _publish(self, pair: PairedSample) -> None:
-        """Compute a tick, publish its messages, and then do the rest."""
+    def _publish(self, answer: Any, begin: float) -> None:
+        """Publish an answer whose computation began at a time [s], and then record and count it."""
 
     @abstractmethod
     def _described(self, parameters: Any) -> RecordedKnee:
@@ -199,15 +199,15 @@ class Session(ABC):
         return [
             (self._wait_period, self._on_wait_timer),
             (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer),
-            (0.83 * DIAGNOSTICS_PERIOD, self.pipeline.angles_seen.look),
-            (0.91 * DIAGNOSTICS_PERIOD, self.pipeline.forces_seen.look),
+            (0.83 * DIAGNOSTICS_PERIOD, self.pipeline.angle_conflict.check_samples),
+            (0.91 * DIAGNOSTICS_PERIOD, self.pipeline.force_conflict.check_samples),
         ]
 
     def stop(self) -> None:
         """Close the inputs and the timers; answer waiting samples."""
         if self._timers:
             self._answer_all()
-            self.pipeline.synchroniser.forget_angles()
+            self.pipeline.synchroniser.clear_angles()
             self.pipeline.frame.forget()
         self.streaming.discard(self)
         if not self.streaming:
@@ -221,7 +221,7 @@ class Session(ABC):
 
     def check(self, parameters: Any) -> None:
         """Check that the run can continue with changed parameters; raises the reason if not."""
-        self.pipeline.check(parameters)
+        self.pipeline.check_retune(parameters)
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
@@ -248,19 +248,19 @@ class Session(ABC):
 
     def _on_joint_state(self, data: bytes) -> int | None:
         """Take a JointState and answer; return its stamp [ns], or None if the bytes are no JointState."""
-        self._answer(self.pipeline.take_joint_state(data))
-        return self.pipeline.stamp
+        self._publish_all(self.pipeline.push_joint_state(data))
+        return self.pipeline.message_stamp
 
     def _on_force(self, data: bytes) -> int | None:
         """Take a force and answer; return its stamp [ns], or None if the bytes are no WrenchStamped."""
-        pairs = self.pipeline.take_force(data, time.perf_counter())
+        answers = self.pipeline.push_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.take_turn_note()
             text = f"forces are turned from {note['from']} to {note['to']}"
             self.node.get_logger().info(text, **at_most_every(LOG_PERIOD))
             self.outputs.put(Note(FORCE_TURNED, note))
-        self._answer(pairs)
-        return self.pipeline.stamp
+        self._publish_all(answers)
+        return self.pipeline.message_stamp
 
     def _service(self, name: str, act: Callable[[], str]) -> Any:
         """Service that calls a function and answers with its message, or with the reason why it failed."""
@@ -280,9 +280,9 @@ class Session(ABC):
         return self.node.create_service(Trigger, f"~/{name}", answer)
 
     def _answer_all(self) -> None:
-        """Answer all forces that wait or were kept aside, and forget the streams."""
-        self._answer(self.pipeline.synchroniser.finish())
-        self.pipeline.synchroniser.forget()
+        """Answer all forces that wait or were held back, and forget the streams."""
+        self._publish_all(self.pipeline.finish_streams())
+        self.pipeline.synchroniser.clear_streams()
 
     def _reset(self) -> str:
         self._answer_all()
@@ -299,7 +299,7 @@ class Session(ABC):
 
     def _save_snapshot(self) -> str:
         items, duration = self.outputs.ring.taken()
-        answers = sum(isinstance(item, Answer) for item in items)
+        answers = sum(isinstance(item, TickOutput) for item in items)
         if not answers:
             raise UsageError(
                 "there is nothing to save: no answer since the parameters changed, or record.snapshot is 0"
@@ -327,7 +327,7 @@ class Session(ABC):
         """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
         self._note_timer()
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
-        self._answer(self.pipeline.synchroniser.give_up(arrived_by))
+        self._publish_all(self.pipeline.flush_expired(arrived_by))
         for stream in self.inputs:
             stream.adapt()
         gc.collect(0)  # often and little: in a second there is much to look through
@@ -352,10 +352,12 @@ class Session(ABC):
         self.missed += latency + self._lag > self.parameters.deadline
         self.status, self.answered = status, time.monotonic()
 
-    def _answer(self, pairs: Sequence[PairedSample]) -> None:
-        """Compute and publish ticks one after another."""
-        for pair in pairs:
-            self._publish(pair)
+    def _publish_all(self, answers: Iterator[Any]) -> None:
+        """Publish answers one after another, each as soon as it is computed."""
+        begin = time.perf_counter()
+        for answer in answers:
+            self._publish(answer, begin)
+            begin = time.perf_counter()
         if self.pipeline.last_refusal:
             text = f"sample refused: {self.pipeline.last_refusal}"
             self.node.get_logger().warning(text, **at_most_every(LOG_PERIOD))

@@ -20,9 +20,9 @@ from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_t
 from knee_contact_ros.offline.bag_parameters import parameters_for
 from knee_contact_ros.offline.solve import finish, nothing_computed, recorded, recording_of
 from knee_contact_ros.parameters.load_schema import LoadParameters, PersonSection
-from knee_contact_ros.streams.load_pipeline import LoadPipeline
+from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
+from knee_contact_ros.streams.topics import LOAD_RECORDED
 from knee_contact_ros.system.progress import OnProgress, no_progress
 
 ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(Estimate).items()])
@@ -103,7 +103,7 @@ def estimate_load(
     advance: OnProgress = no_progress,
     overwrite: bool = False,
     names: Names = OWN_NAMES,
-    keep: Callable[[LoadPipeline], object] | None = None,
+    keep: Callable[[LoadAnswer], object] | None = None,
 ) -> LoadSummary:
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
@@ -116,7 +116,7 @@ def estimate_load(
         advance: Called now and then with the number of finished messages and of all messages.
         overwrite: Replace an existing output, once the new one is complete.
         names: Names of the inputs in the bag.
-        keep: Called after every estimate with the pipeline, which has the estimate and its inputs.
+        keep: Called with every answer, which has the estimate and its inputs.
 
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
@@ -135,9 +135,10 @@ def estimate_load(
                 recorder.write_note(
                     ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight}
                 )
-            answers = recorded(recorder, pipeline, _answers(inputs, pipeline, advance))
+            answers = _answers(inputs, pipeline, advance)
+            answers = recorded(recorder, pipeline, answers, LoadAnswer.records)
             flexions = list[float]()
-            estimates = np.fromiter(_rows(pipeline, answers, keep, flexions), ESTIMATE)
+            estimates = np.fromiter(_rows(answers, keep, flexions), ESTIMATE)
             finish(recorder, pipeline, open_bag, damage)
             if not len(estimates):
                 raise nothing_computed(
@@ -150,25 +151,25 @@ def estimate_load(
 
 
 def _rows(
-    pipeline: LoadPipeline,
-    answers: Iterable[Answer],
-    keep: Callable[[LoadPipeline], object] | None,
+    answers: Iterable[LoadAnswer],
+    keep: Callable[[LoadAnswer], object] | None,
     flexions: list[float],
 ) -> Iterator[tuple[Any, ...]]:
     """Stamp and estimate of each answer, as `ESTIMATE`; its flexion angle [rad] is added to `flexions`."""
-    for _ in answers:
+    for answer in answers:
         if keep:
-            keep(pipeline)
-        flexions.append(pipeline.sensed.joints.flexion)
-        yield pipeline.sensed.stamp, *pipeline.estimate
+            keep(answer)
+        flexions.append(answer.sensed.joints.flexion)
+        yield answer.sensed.stamp, *answer.estimate
 
 
-def _answers(inputs: BagInputs, pipeline: LoadPipeline, advance: OnProgress) -> Iterator[Answer]:
+def _answers(
+    inputs: BagInputs, pipeline: LoadPipeline, advance: OnProgress
+) -> Iterator[LoadAnswer]:
     """Answers to all messages of a bag, one by one; `advance` is called after each block."""
-    take, done = (pipeline.joint_state, pipeline.force), 0
+    done = 0
     for block in inputs.batches_of(MESSAGES_PER_ADVANCE):
-        for which, _, data in block:
-            yield from take[which](data)
+        yield from pipeline.push_messages(block)
         done += len(block)
         advance(done, inputs.reader.message_count)
-    yield from pipeline.finish()
+    yield from pipeline.finish_streams()

@@ -6,14 +6,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.bag_file import Batch
 from knee_contact_ros.bags.batch_writer import write_messages
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
@@ -26,10 +26,9 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.model.kernel import worth_compiling
-from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
-from knee_contact_ros.offline.solve_blocks import take
+from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import (
     all_values,
@@ -37,11 +36,11 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
-from knee_contact_ros.streams.contact_pipeline import ContactPipeline
+from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
-from knee_contact_ros.streams.pairing import Pipeline
-from knee_contact_ros.streams.topics import Answer, recorded_topics
+from knee_contact_ros.streams.pipeline import AnswerT, Pipeline
+from knee_contact_ros.streams.topics import Record, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.output_files import check_not_input
@@ -64,8 +63,7 @@ def solve(
     names: Names = OWN_NAMES,
     *,
     compiled: bool | None = None,
-    keep: Callable[[Sequence[Rows]], object] = len,
-    prepare: Callable[[ContactPipeline], object] = id,
+    keep: Callable[[AnswerBlock], object] | None = None,
     curves: Mapping[str, str] | None = None,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
@@ -80,8 +78,7 @@ def solve(
         overwrite: Replace an existing output, once the new one is complete.
         names: Names of the inputs in the bag.
         compiled: As for `load_model`.
-        keep: Called with the answers of every block: an array for each compartment.
-        prepare: Called with the pipeline before its first message.
+        keep: Called with the answers to every block of messages.
         curves: Contents of the files that parameters name, by parameter; None: the files are read.
 
     Raises:
@@ -97,7 +94,7 @@ def solve(
         check_joints(inputs, parameters.joints())
         pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
         if recording:
-            pipeline.frame.is_known, pipeline.is_lost = True, recording.ticks_before > 0
+            pipeline.resume_recording(recording.ticks_before)
         elif parameters.frame.tibia:
             learn_transforms(bag, pipeline.frame)
         topics = recorded_topics(has_two_compartments(parameters))
@@ -105,8 +102,7 @@ def solve(
             recording_of(bag, output, overwrite, topics, parameters, curves)
         )
         if worth_compiling(total // MESSAGES_OF_A_TICK) if compiled is None else compiled:
-            pipeline.compile()
-        prepare(pipeline)
+            pipeline.compile_model()
         summary, *others = (
             Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments
         )
@@ -115,7 +111,7 @@ def solve(
         run = Run(
             pipeline,
             recorder,
-            (summary.add_each, keep),
+            [summary.add_each, *([keep] if keep else [])],
             thread,
             deque(recording.changes if recording else ()),
         )
@@ -123,7 +119,7 @@ def solve(
             run.take(block)
             done += len(block)
             advance(done, total)
-        run.keep(pipeline.finish())
+        run.keep(pipeline.finish_streams())
         summary.finish()
         summary.damage, summary.refused = bag.damage, pipeline.synchroniser.refused
         if recording:
@@ -136,8 +132,8 @@ def solve(
         summary.split = pipeline.split if pipeline.varies else None
         summary.unanswered = unanswered_sentence(pipeline, inputs.force_count)
         seen = (
-            pipeline.angles_seen.sentence(inputs.publishers(0), parameters.knee.joint_name),
-            pipeline.forces_seen.sentence(inputs.publishers(1)),
+            pipeline.angle_conflict.sentence(inputs.publishers(0), parameters.knee.joint_name),
+            pipeline.force_conflict.sentence(inputs.publishers(1)),
             held_sentence(pipeline, summary.flagged["INPUT_HELD"]),
         )
         summary.publishers = list(filter(None, seen))
@@ -173,19 +169,22 @@ def recording_of(
 
 
 def recorded(
-    recorder: AnswerWriter | None, pipeline: Pipeline, answers: Iterable[Answer]
-) -> Iterator[Answer]:
+    recorder: AnswerWriter | None,
+    pipeline: Pipeline[AnswerT],
+    answers: Iterable[AnswerT],
+    records_of: Callable[[AnswerT], tuple[Record, ...]],
+) -> Iterator[AnswerT]:
     """Record answers as they come, and a note when forces are turned; without a recorder pass answers on."""
     for answer in answers:
         if recorder and pipeline.frame.turn_note:
             recorder.write_note(FORCE_TURNED, pipeline.frame.take_turn_note())
         if recorder:
-            recorder.write_answer(answer.records)
+            recorder.write_answer(records_of(answer))
         yield answer
 
 
 def finish(
-    recorder: AnswerWriter | None, pipeline: Pipeline, bag: Bag, damage: Sequence[str]
+    recorder: AnswerWriter | None, pipeline: Pipeline[Any], bag: Bag, damage: Sequence[str]
 ) -> None:
     """Write what ends a recording: the remaining inputs, refused samples and the damage of the bag it comes from."""
     if recorder:
@@ -196,7 +195,9 @@ def finish(
             )
 
 
-def nothing_computed(bag: Bag, what: str, pipeline: Pipeline, damage: Sequence[str]) -> UsageError:
+def nothing_computed(
+    bag: Bag, what: str, pipeline: Pipeline[Any], damage: Sequence[str]
+) -> UsageError:
     """Error that a bag gave no `what`, with the reasons why samples were refused."""
     reasons = ", ".join(
         f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items()
@@ -216,42 +217,44 @@ class Run:
     pipeline: ContactPipeline
     recorder: AnswerWriter | None
     """Writer of the recording; None: nothing is recorded"""
-    takers: Sequence[Callable[[Sequence[Rows]], object]]
-    """Functions that are called with the rows of answers, an array for each compartment"""
+    takers: Sequence[Callable[[AnswerBlock], object]]
+    """Functions that are called with blocks of answers"""
     thread: ThreadPoolExecutor
     """Thread that writes blocks that were computed at once; when `keep` returns, everything is written"""
     changes: deque[Change]
     """Resets and changed parameters of the node that made a recording, to repeat at the same ticks"""
+    leg: DrawnLeg = field(default_factory=DrawnLeg)
+    """Leg that is drawn in the recording"""
     _writing: Future[None] | None = None
 
     def take(self, block: Batch) -> None:
         """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
         if self.pipeline.is_lost or self.changes or not self._take_at_once(block):
-            takes = self.pipeline.joint_state, self.pipeline.force
-            self.keep(answer for number, _, data in block for answer in takes[number](data))
+            self.keep(self.pipeline.push_messages(block))
 
-    def keep(self, answers: Iterable[Answer]) -> None:
-        """Record answers and pass on their rows; make the changes that are due between them."""
-        rows = []
+    def keep(self, answers: Iterator[ContactAnswer]) -> None:
+        """Record answers and pass them on as a block; make the changes that are due between them."""
+        kept = []
         self._wait()
         self._make_changes()
-        for answer in recorded(self.recorder, self.pipeline, answers):
-            rows.append(answer.row)
+        for answer in recorded(self.recorder, self.pipeline, answers, self.leg.records_with_leg):
+            kept.append(answer)
             self._make_changes()
-        if rows:
-            together, number = np.frombuffer(b"".join(rows), ROW), len(self.pipeline.compartments)
-            self._pass_on([together[first::number] for first in range(number)])
+        if kept:
+            self._pass_on(AnswerBlock.of(kept))
 
     def _take_at_once(self, block: Batch) -> bool:
-        answers = take(self.pipeline, block.messages_of(0), block.messages_of(1), block.numbers)
+        answers = answer_block(
+            self.pipeline, block.messages_of(0), block.messages_of(1), block.numbers
+        )
         if answers is None:
             return False
-        rows, messages = answers
         if self.recorder:
+            messages = answers.messages(self.leg)
             parts = [part._replace(topic=f"/{part.topic}") for part in messages]
             self._wait()
             self._writing = self.thread.submit(write_messages, self.recorder.bag, parts)
-        self._pass_on(rows)
+        self._pass_on(answers.block)
         return True
 
     def _wait(self) -> None:
@@ -260,9 +263,9 @@ class Run:
         if writing:
             writing.result()
 
-    def _pass_on(self, rows: Sequence[Rows]) -> None:
+    def _pass_on(self, block: AnswerBlock) -> None:
         for taker in self.takers:
-            taker(rows)
+            taker(block)
 
     def _note(self, name: str, values: dict[str, str]) -> None:
         if self.recorder:

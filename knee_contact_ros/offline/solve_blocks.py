@@ -2,36 +2,38 @@
 
 A block is decoded, paired, computed and written as columns of numbers if its messages share their layouts, its samples
 are in order, and none must be refused. Any other block is computed sample by sample, and the next block is tried again.
-`Synchroniser.is_steady` and `go_on` hand over the samples that wait between two blocks.
+`Synchroniser.is_steady` and `resume` hand over the samples that wait between two blocks.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.batch_writer import TopicMessages
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.model.types import Floats, Rows, Stamps
+from knee_contact_ros.model.types import ROW, Floats, Indices, Rows, Stamps
 from knee_contact_ros.streams.columns import (
     Block,
     Column,
-    PairedSamples,
-    all_go_on,
     decode_all,
     encode_answer_wrenches,
     encode_answers,
-    pair,
 )
+from knee_contact_ros.streams.compartments import summed_wrenches
 from knee_contact_ros.streams.contact_pipeline import (
+    CONTACT_TOPICS,
     DOUBTFUL_LOAD,
+    ContactAnswer,
     ContactPipeline,
-    summed_wrenches,
 )
 from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH
-from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Synchroniser, Timeline
+from knee_contact_ros.streams.pairing import STALE_INPUT, Synchroniser
+from knee_contact_ros.streams.timeline import LONG_STEP, STEPS, AngleSample, LoadSample, Timeline
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -39,20 +41,41 @@ from knee_contact_ros.streams.topics import (
     NANOSECONDS,
 )
 
-Numbers = NDArray[np.intp]
-Fresh = NDArray[np.bool_]
-"""Whether an angle of a block is still to be recorded, for each angle, shape (n,)"""
+EXACT = 2**53
+"""Limit [ns] below which differences of stamps are exact as floating-point numbers"""
 
 
-Answers = tuple[tuple[Rows, ...], tuple[TopicMessages, ...]]
-"""Answers to a block: for each compartment the rows, shape (n,), and the messages to record, inputs and outputs, with
-their places in the order of the recording"""
+class AnswerBlock(NamedTuple):
+    """Answers to a block of messages, and the inputs that led to them; arrays of shape (n,)."""
+
+    rows: tuple[Rows, ...]
+    """Answers of each compartment"""
+    axial: Floats
+    """Axial forces [N], as the rule that divides the load saw them"""
+    moment: Floats
+    """Frontal moments [N m]"""
+    angle: Floats
+    """Flexion angles [rad], with the offset"""
+
+    @classmethod
+    def of(cls, answers: Sequence[ContactAnswer]) -> AnswerBlock:
+        """Make a block of single answers, at least one."""
+        rows = np.frombuffer(b"".join([row for answer in answers for row in answer.rows]), ROW)
+        compartments = len(answers[0].messages)
+        return cls(
+            tuple(rows[first::compartments] for first in range(compartments)),
+            np.array([answer.pair.load.axial for answer in answers]),
+            np.array([answer.pair.load.moment for answer in answers]),
+            np.array([answer.angle for answer in answers]),
+        )
 
 
 class _Samples(NamedTuple):
     """The samples of a block as columns, after those that were already waiting."""
 
     states: Block
+    is_unpaired: NDArray[np.bool_]
+    """Whether an angle is still to be recorded, for each angle"""
     stamps: Stamps
     """Stamps [ns] of the angles, minus `delay`"""
     delay: int
@@ -60,111 +83,165 @@ class _Samples(NamedTuple):
     angles: Floats
     """Flexion angles [rad] without the offset"""
     heights: Floats | None
+    """Femoral heights [m] with the displacement drive"""
     wrenches: Block
     axial: Floats
     moment: Floats
     doubtful: NDArray[np.bool_]
 
-    def angle(self, index: int) -> AngleSample:
-        """Angle sample."""
+    def angle_sample(self, index: int) -> AngleSample:
+        """Angle sample as the pipeline makes it of one message."""
         height = None if self.heights is None else float(self.heights[index])
         data = self.states.data[index].tobytes()
-        return AngleSample(
-            int(self.stamps[index]), float(self.angles[index]), data, height, self.delay
-        )
+        angle = float(self.angles[index])
+        return AngleSample(int(self.stamps[index]), angle, data, height, self.delay)
 
-    def load(self, index: int) -> LoadSample:
-        """Load sample."""
-        stamp, frame_id, data = (
+    def load_sample(self, index: int) -> LoadSample:
+        """Load sample as the pipeline makes it of one message."""
+        return LoadSample(
             int(self.wrenches.stamps[index]),
-            self.wrenches.shape[0],
-            self.wrenches.data[index],
-        )
-        axial, moment, doubtful = (
             float(self.axial[index]),
             float(self.moment[index]),
-            bool(self.doubtful[index]),
+            self.wrenches.shape[0],
+            self.wrenches.data[index].tobytes(),
+            doubtful=bool(self.doubtful[index]),
         )
-        return LoadSample(stamp, axial, moment, frame_id, data.tobytes(), doubtful=doubtful)
 
 
-def take(
-    pipeline: ContactPipeline, states: Column, forces: Column, numbers: Numbers
-) -> Answers | None:
-    """Compute the ticks of a block at once, from the messages of both topics in the order in which they came.
+class _Pairs(NamedTuple):
+    """Ticks for the first n of the loads of a block; all arrays but the last have shape (n,)."""
 
-    `numbers` has the order of both, shape (n,): 0 for a state, 1 for a force.
+    angle: Floats
+    """Flexion angles [rad] at the stamps of the loads, without the offset"""
+    height: Floats | None
+    """Femoral heights [m] at these stamps, with the displacement drive"""
+    status: NDArray[np.int64]
+    """Bits of `Status`"""
+    tick_of_angle: Indices
+    """For every angle, the first tick at or after its stamp, with which it is recorded; n if none yet"""
 
-    Afterwards `pipeline` is in the state that it would have after the same messages one by one. Returns None if the
-    block has to be computed sample by sample; `pipeline` is unchanged then.
+
+class BlockAnswers(NamedTuple):
+    """Answers to a block, with what is recorded of it."""
+
+    block: AnswerBlock
+    samples: _Samples
+    pairs: _Pairs
+
+    def messages(self, leg: DrawnLeg) -> list[TopicMessages]:
+        """TopicMessages to record, inputs and outputs, with their places in the order of the recording."""
+        samples = self.samples
+        rows = self.block.rows
+        number = len(self.block.angle)
+        stamps = samples.wrenches.stamps[:number]
+        frame_id = samples.wrenches.shape[0]
+        taken = samples.is_unpaired & (self.pairs.tick_of_angle < number)
+        # Places of a tick: its angles, the load, the answers, two of the leg, the wrench.
+        each = len(rows) + 5
+        place = each * np.arange(number)
+        place_of_angle = each * self.pairs.tick_of_angle[taken]
+        states = samples.states
+        messages = [
+            TopicMessages(JOINT_STATES, states.stamps[taken], states.data[taken], place_of_angle),
+            TopicMessages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
+        ]
+        for behind, answers in enumerate(rows):
+            data = encode_answers(frame_id, stamps, answers)
+            messages.append(
+                TopicMessages(CONTACT_TOPICS[behind], stamps, data, place + 2 + behind)
+            )
+        for behind, (topic, ticks, data) in enumerate(leg.messages(stamps, frame_id, rows[0])):
+            messages.append(
+                TopicMessages(topic, stamps[ticks], data, place[ticks] + each - 3 + behind)
+            )
+        wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
+        messages.append(TopicMessages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1))
+        return messages
+
+
+def answer_block(
+    pipeline: ContactPipeline, states: Column, forces: Column, streams: Indices
+) -> BlockAnswers | None:
+    """Compute the ticks of a block at once, from the messages of both topics.
+
+    Afterwards `pipeline` is in the state that it would have after the same messages one by one.
+
+    Args:
+        pipeline: The pipeline, which may have taken messages before.
+        states: The joint states, in the order of their arrival.
+        forces: The forces, in the order of their arrival.
+        streams: Order of both, shape (n,): 0 for a state, 1 for a force.
+
+    Returns:
+        The answers; None if the block has to be computed sample by sample: then `pipeline` is unchanged.
     """
     before = pipeline.synchroniser
     if not (before.is_steady and len(states) and len(forces)):
         return None
     pairing = pipeline.parameters.pairing
     max_gap = round(pairing.max_gap * NANOSECONDS)
-    all_states, all_forces, fresh = _with_held(before, states, forces)
-    waits = max(len(all_states), len(all_forces))
-    samples = _samples(all_states, all_forces, pipeline) if waits <= pairing.queue else None
-    if samples is None or _apart(before, samples, numbers, max_gap):
+    all_states, all_forces, is_unpaired = _with_waiting(before, states, forces)
+    if max(len(all_states), len(all_forces)) > pairing.queue:
         return None
-    angle_steps = _steps(before.angle_time, samples.stamps[-len(states) :])
-    load_steps = _steps(before.load_time, samples.wrenches.stamps[-len(forces) :])
-    known = ((angle_steps, before.angle_time), (load_steps, before.load_time))
-    if not all(all_go_on(steps, len(time.steps), max_gap) for steps, time in known):
+    samples = _samples(pipeline, all_states, all_forces, is_unpaired)
+    if samples is None or _clocks_differ(before, samples, streams, max_gap):
         return None
-    paired = pair(
-        samples.stamps,
-        samples.angles,
-        samples.heights,
-        samples.wrenches.stamps,
-        before.last_pair,
-        max_gap,
-    )
-    if paired is None or not len(paired.angle):
+    new_angles = slice(-len(states), None)
+    new_loads = slice(-len(forces), None)
+    angle_steps = _steps(before.angle_time, samples.stamps[new_angles])
+    load_steps = _steps(before.load_time, samples.wrenches.stamps[new_loads])
+    if not (
+        _all_continue(angle_steps, len(before.angle_time.steps), max_gap)
+        and _all_continue(load_steps, len(before.load_time.steps), max_gap)
+    ):
+        return None
+    pairs = _pairs(samples, before.last_pair, max_gap)
+    if pairs is None or not len(pairs.angle):
         return None
     pipeline.frame.hold(samples.wrenches.shape[0])
-    pipeline.angles_seen.add_all(
-        samples.states.stamps[-len(states) :], samples.angles[-len(states) :]
+    pipeline.angle_conflict.add_samples(
+        samples.states.stamps[new_angles], samples.angles[new_angles]
     )
-    pipeline.forces_seen.add_all(
-        samples.wrenches.stamps[-len(forces) :], samples.axial[-len(forces) :]
+    pipeline.force_conflict.add_samples(
+        samples.wrenches.stamps[new_loads], samples.axial[new_loads]
     )
-    answers = _computed(pipeline, samples, paired, fresh)
-    _hand_over(pipeline, samples, paired, fresh, (angle_steps, load_steps))
-    return answers
+    block = _compute(pipeline, samples, pairs)
+    before.angle_time.resume(int(samples.stamps[-1]), angle_steps[-STEPS:].tolist())
+    before.load_time.resume(int(samples.wrenches.stamps[-1]), load_steps[-STEPS:].tolist())
+    _resume(before, samples, pairs)
+    return BlockAnswers(block, samples, pairs)
 
 
-def _apart(pairs: Synchroniser, samples: _Samples, numbers: Numbers, max_gap: int) -> bool:
+def _clocks_differ(
+    before: Synchroniser, samples: _Samples, streams: Indices, max_gap: int
+) -> bool:
     """Whether stamps differ from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
-    loads, (states, forces) = numbers == 1, (samples.states.stamps, samples.wrenches.stamps)
-    stamps, count = np.empty(len(numbers), np.int64), int(np.count_nonzero(loads))
-    stamps[loads], stamps[~loads] = (
-        forces[len(forces) - count :],
-        states[len(states) - len(loads) + count :],
-    )
-    turns, before = np.diff(loads, prepend=not loads[0]), pairs.load_time.last
-    if loads[0]:
-        before = (
-            None if pairs.angle_time.last is None else pairs.angle_time.last + pairs.angle_delay
-        )
-    steps = np.diff(stamps, prepend=stamps[0] if before is None else before)
+    is_load = streams == 1
+    loads = int(np.count_nonzero(is_load))
+    stamps = np.empty(len(streams), np.int64)
+    stamps[is_load] = samples.wrenches.stamps[len(samples.wrenches.stamps) - loads :]
+    stamps[~is_load] = samples.states.stamps[len(samples.states.stamps) + loads - len(streams) :]
+    last = before.load_time.last
+    if is_load[0]:
+        last = before.angle_time.last
+        if last is not None:
+            last += before.angle_delay
+    turns = np.diff(is_load, prepend=not is_load[0])
+    steps = np.diff(stamps, prepend=stamps[0] if last is None else last)
     return bool((turns & (np.abs(steps) > max_gap)).any())
 
 
-def _with_held(
+def _with_waiting(
     before: Synchroniser, states: Column, forces: Column
-) -> tuple[Column, Column, Fresh]:
+) -> tuple[Column, Column, NDArray[np.bool_]]:
     """Put the messages of a block after waiting ones; return which of the angles must still be recorded."""
-    held = {angle.stamp: angle.data for angle in (*before.fresh, *before.angles)}
-    untaken = {angle.stamp for angle in before.fresh}
-    all_states = Column.together([Column.of([held[stamp] for stamp in sorted(held)]), states])
-    all_forces = Column.together([Column.of([load.data for load in before.waiting]), forces])
-    return (
-        all_states,
-        all_forces,
-        np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states)),
-    )
+    waiting = {angle.stamp: angle.data for angle in (*before.unpaired_angles, *before.angles)}
+    unpaired = {angle.stamp for angle in before.unpaired_angles}
+    stamps = sorted(waiting)
+    all_states = Column.together([Column.of([waiting[stamp] for stamp in stamps]), states])
+    all_forces = Column.together([Column.of([load.data for load in before.waiting_loads]), forces])
+    is_unpaired = [stamp in unpaired for stamp in stamps] + [True] * len(states)
+    return all_states, all_forces, np.array(is_unpaired)
 
 
 def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
@@ -173,45 +250,65 @@ def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
     return np.concatenate([np.array(time.steps, np.int64), new])
 
 
-def _samples(states: Column, forces: Column, pipeline: ContactPipeline) -> _Samples | None:
+def _all_continue(steps: Stamps, known: int, max_gap: int) -> bool:
+    """Whether a `Timeline` would accept all steps [ns] after the first `known` ones: forward, and not too far."""
+    if len(steps) <= known:
+        return False
+    recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])
+    windows = np.sort(np.lib.stride_tricks.sliding_window_view(recent, STEPS), axis=1)
+    usual = np.where(windows[:, -2] > 0, windows[:, -2], windows[:, -1])
+    continues = (steps > 0) & (steps <= np.where(usual > 0, LONG_STEP * usual, max_gap))
+    return bool(continues[known:].all())
+
+
+def _samples(
+    pipeline: ContactPipeline, states: Column, forces: Column, is_unpaired: NDArray[np.bool_]
+) -> _Samples | None:
     """Decode a block into columns of samples; None if a sample would be refused, or must be treated alone."""
-    decoded, wrenches = decode_all(JOINT_STATE, states), decode_all(WRENCH, forces)
+    decoded = decode_all(JOINT_STATE, states)
+    wrenches = decode_all(WRENCH, forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None
     knee = pipeline.parameters.knee
     position = _position(decoded, knee.joint_name)
-    heights = (
-        _position(decoded, knee.height_joint_name) if pipeline.model.height_prescribed else None
-    )
-    if position is None or (pipeline.model.height_prescribed and heights is None):
+    if position is None:
         return None
     angles = knee.flexion_sign * position
-    axial, (moment, about_y, about_z) = (
-        -wrenches.numbers["force"][:, 1],
-        wrenches.numbers["torque"].T,
-    )
-    columns = [
+    axial = -wrenches.numbers["force"][:, 1]
+    moment, about_y, about_z = wrenches.numbers["torque"].T
+    limited = [
         (angles + knee.flexion_offset, LARGEST_ANGLE),
         (position, np.inf),
         (axial, LARGEST_LOAD),
     ]
+    heights = None
+    if pipeline.model.height_prescribed:
+        heights = _position(decoded, knee.height_joint_name)
+        if heights is None:
+            return None
+        limited.append((heights, LARGEST_HEIGHT))
     if pipeline.by_moment:
-        part = pipeline.by_moment(axial, moment, 0.0)
+        medial = pipeline.by_moment(axial, moment, 0.0)
         with np.errstate(invalid="ignore"):  # infinite forces are refused below
-            columns += [(part, LARGEST_LOAD), (axial - part, LARGEST_LOAD)]
-    columns += [(heights, LARGEST_HEIGHT)] if heights is not None else []
-    if not all(
-        (np.isfinite(column) & (np.abs(column) <= limit)).all() for column, limit in columns
-    ):
-        return None
-    if not all(
-        ((stamps >= 0) & (stamps <= LAST_STAMP)).all()
-        for stamps in (decoded.stamps, wrenches.stamps)
-    ):
-        return None
-    delay, doubtful = pipeline.synchroniser.angle_delay, np.isnan(about_y) & np.isfinite(about_z)
+            limited += [(medial, LARGEST_LOAD), (axial - medial, LARGEST_LOAD)]
+    for column, limit in limited:
+        if not (np.isfinite(column) & (np.abs(column) <= limit)).all():
+            return None
+    for stamps in (decoded.stamps, wrenches.stamps):
+        if not ((stamps >= 0) & (stamps <= LAST_STAMP)).all():
+            return None
+    delay = pipeline.synchroniser.angle_delay
     return _Samples(
-        decoded, decoded.stamps - delay, delay, angles, heights, wrenches, axial, moment, doubtful
+        decoded,
+        is_unpaired,
+        decoded.stamps - delay,
+        delay,
+        angles,
+        heights,
+        wrenches,
+        axial,
+        np.ascontiguousarray(moment),
+        np.isnan(about_y) & np.isfinite(about_z),
     )
 
 
@@ -223,77 +320,80 @@ def _position(states: Block, joint: str) -> Floats | None:
     return np.ascontiguousarray(states.numbers["position"][:, names.index(joint)])
 
 
-def _computed(
-    pipeline: ContactPipeline, samples: _Samples, paired: PairedSamples, fresh: Fresh
-) -> Answers:
-    """Compute the loads that are paired with angles; return the answers, and the inputs and outputs to record."""
-    number = len(paired.angle)
-    stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
-    axial, angle = samples.axial[:number], paired.angle + pipeline.parameters.knee.flexion_offset
-    medial = pipeline.rule(axial, samples.moment[:number], angle)
+def _pairs(samples: _Samples, last: int | None, max_gap: int) -> _Pairs | None:
+    """Pair loads with angles; the loads after the last angle have to wait.
+
+    Args:
+        samples: The samples.
+        last: Stamp of the previous tick [ns]; None if there is none.
+        max_gap: Largest gap [ns] that is not stale.
+
+    Returns:
+        The pairs; None if the stamps of a stream do not increase, or a load is before the first angle or the last tick.
+    """
+    angle_stamps = samples.stamps
+    load_stamps = samples.wrenches.stamps
+    if load_stamps[0] < angle_stamps[0] or (last is not None and load_stamps[0] <= last):
+        return None
+    for stamps in (angle_stamps, load_stamps):
+        steps = np.diff(stamps)
+        if (steps <= 0).any() or (steps >= EXACT).any():
+            return None
+    stamps = load_stamps[: np.searchsorted(load_stamps, angle_stamps[-1], "right")]
+    before = np.searchsorted(angle_stamps, stamps, "right") - 1
+    is_exact = angle_stamps[before] == stamps
+    after = np.where(is_exact, before, before + 1)
+    gap = angle_stamps[after] - angle_stamps[before]
+    part = (stamps - angle_stamps[before]) / np.where(is_exact, 1, gap)
+
+    def interpolate(values: Floats) -> Floats:
+        between = values[before] + part * (values[after] - values[before])
+        return np.where(is_exact, values[before], between)
+
+    first = load_stamps[0] if last is None else last
+    is_stale = (gap > max_gap) | (np.diff(stamps, prepend=first) > max_gap)
+    return _Pairs(
+        interpolate(samples.angles),
+        None if samples.heights is None else interpolate(samples.heights),
+        np.where(is_stale, STALE_INPUT, 0),
+        np.searchsorted(stamps, angle_stamps, "left"),
+    )
+
+
+def _compute(pipeline: ContactPipeline, samples: _Samples, pairs: _Pairs) -> AnswerBlock:
+    """Compute the contact of the loads that are paired with angles, as `ContactPipeline.answer_pair` does."""
+    number = len(pairs.angle)
+    axial = samples.axial[:number]
+    moment = samples.moment[:number]
+    angle = pairs.angle + pipeline.parameters.knee.flexion_offset
+    medial = pipeline.rule(axial, moment, angle)
     doubtful = samples.doubtful[:number]
     if pipeline.by_moment:
         doubtful = doubtful | pipeline.by_moment.fails(axial, medial)
-    status = paired.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(paired.status.dtype)
+    status = pairs.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(pairs.status.dtype)
+    stamps = samples.wrenches.stamps[:number]
     rows = tuple(
-        compartment.advance_all(stamps, angle, loads, paired.height, status)
-        for compartment, loads in zip(
-            pipeline.compartments, (medial, axial - medial), strict=False
-        )
+        compartment.compute_rows(stamps, angle, load, pairs.height, status)
+        for compartment, load in zip(pipeline.compartments, (medial, axial - medial), strict=False)
     )
     pipeline.ticks += number
     pipeline.doubts.axes.add_forces(samples.wrenches.numbers["force"][:number])
     if pipeline.varies:
         pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, angle))
-    taken = fresh & (paired.tick_of_angle < number)
-    states, each = samples.states, len(rows) + 5
-    place = each * np.arange(number)
-    answered = [
-        TopicMessages(
-            compartment.topic, stamps, encode_answers(frame_id, stamps, answers), place + behind
-        )
-        for behind, (compartment, answers) in enumerate(
-            zip(pipeline.compartments, rows, strict=True), start=2
-        )
-    ]
-    leg = [
-        TopicMessages(topic, stamps[ticks], data, place[ticks] + each - 3 + behind)
-        for behind, (topic, ticks, data) in enumerate(
-            pipeline.leg.messages(stamps, frame_id, rows[0])
-        )
-    ]
-    wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
-    messages = (
-        TopicMessages(
-            JOINT_STATES,
-            states.stamps[taken],
-            states.data[taken],
-            each * paired.tick_of_angle[taken],
-        ),
-        TopicMessages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
-        *answered,
-        *leg,
-        TopicMessages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1),
-    )
-    return rows, messages
+    return AnswerBlock(rows, axial, moment, angle)
 
 
-def _hand_over(
-    pipeline: ContactPipeline,
-    samples: _Samples,
-    paired: PairedSamples,
-    fresh: Fresh,
-    steps: tuple[Stamps, Stamps],
-) -> None:
+def _resume(synchroniser: Synchroniser, samples: _Samples, pairs: _Pairs) -> None:
     """Put the synchroniser into the state that it would have after all samples one by one."""
-    number, synchroniser = len(paired.angle), pipeline.synchroniser
-    angle_stamps, load_stamps = samples.stamps, samples.wrenches.stamps
+    number = len(pairs.angle)
+    angle_stamps = samples.stamps
+    load_stamps = samples.wrenches.stamps
     last = int(load_stamps[number - 1])
     first = int(np.searchsorted(angle_stamps, last, "right")) - 1
-    untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number)).tolist()
-    synchroniser.angle_time.go_on(int(angle_stamps[-1]), steps[0][-STEPS:].tolist())
-    synchroniser.load_time.go_on(int(load_stamps[-1]), steps[1][-STEPS:].tolist())
-    angles, waiting = range(first, len(angle_stamps)), range(number, len(load_stamps))
-    synchroniser.go_on(
-        map(samples.angle, angles), map(samples.angle, untaken), map(samples.load, waiting), last
+    unpaired = np.flatnonzero(samples.is_unpaired & (pairs.tick_of_angle == number)).tolist()
+    synchroniser.resume(
+        map(samples.angle_sample, range(first, len(angle_stamps))),
+        map(samples.angle_sample, unpaired),
+        map(samples.load_sample, range(number, len(load_stamps))),
+        last,
     )

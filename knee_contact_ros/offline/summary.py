@@ -15,6 +15,7 @@ from knee_contact_ros.bags.answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Fidelity, Rows, Status
+from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
 from knee_contact_ros.streams.watch import Doubts, Split
@@ -143,9 +144,9 @@ class Summary:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
 
-    def add_each(self, rows: Sequence[Rows]) -> None:
-        """Add the answers of each compartment: an array for the medial, and one for the lateral where there are two."""
-        for summary, answers in zip((self, self.lateral), rows, strict=False):
+    def add_each(self, block: AnswerBlock) -> None:
+        """Add the answers of each compartment."""
+        for summary, answers in zip((self, self.lateral), block.rows, strict=False):
             if summary:
                 summary.add(answers)
 

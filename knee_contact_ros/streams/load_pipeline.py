@@ -6,7 +6,6 @@ The joints' names, signs and axes are applied only here.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.joint_reaction.estimator import (
@@ -43,19 +42,14 @@ from knee_contact_ros.streams.messages import (
     header,
     number_of,
 )
-from knee_contact_ros.streams.pairing import (
-    TIME_RESET,
-    AngleSample,
-    LoadSample,
-    PairedSample,
-    Pipeline,
-)
+from knee_contact_ros.streams.pairing import TIME_RESET, PairedSample
+from knee_contact_ros.streams.pipeline import Pipeline
+from knee_contact_ros.streams.timeline import AngleSample, LoadSample
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     LOAD_ESTIMATE,
-    Answer,
     Record,
 )
 
@@ -173,13 +167,31 @@ class Sensed(NamedTuple):
     """Bits of `Status`"""
 
 
-class LoadPipeline(Pipeline):
-    """Pipeline of the load node: samples, pairing and estimator."""
+class LoadAnswer(NamedTuple):
+    """Estimate of the joint reaction at one tick, and the inputs that led to it."""
 
+    pair: PairedSample
     sensed: Sensed
-    """Inputs of the last estimate"""
+    """Inputs of the estimator"""
     estimate: Estimate
-    """Last estimate"""
+    reaction: bytes
+    """Bytes of the WrenchStamped of the joint reaction"""
+    message: bytes
+    """Bytes of the `LoadEstimate`"""
+
+    def records(self) -> tuple[Record, ...]:
+        """Messages to record, the estimate last."""
+        load = self.pair.load
+        return (
+            *[(JOINT_STATES, angle.message_stamp, angle.data) for angle in self.pair.angles],
+            (GROUND_REACTION_FORCE, load.stamp, load.data),
+            (JOINT_REACTION_FORCE, load.stamp, self.reaction),
+            (LOAD_ESTIMATE, load.stamp, self.message),
+        )
+
+
+class LoadPipeline(Pipeline[LoadAnswer]):
+    """Pipeline of the load node: samples, pairing and estimator."""
 
     def __init__(self, parameters: LoadParameters) -> None:
         """Begin without samples."""
@@ -198,7 +210,20 @@ class LoadPipeline(Pipeline):
         """Sample with the ground force; see `ground_sample`."""
         return ground_sample(message, self.parameters.ground, data, arrived)
 
-    def sense(self, pair: PairedSample) -> Sensed:
+    def answer_pair(self, pair: PairedSample) -> LoadAnswer:
+        """Estimate the joint reaction."""
+        sensed = self._sense(pair)
+        estimate = self._estimator.at(*sensed)
+        stamp = pair.load.stamp
+        frame = self.parameters.frame.tibia
+        # A torque.y of NaN beside a number in torque.z marks a doubtful load, see `load_sample`.
+        is_doubtful = estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD)
+        torque = (estimate.frontal_moment, UNKNOWN if is_doubtful else 0.0, 0.0)
+        wrench = WrenchStamped(stamp, frame, (0.0, -estimate.axial_force, 0.0), torque)
+        message = encode_estimate(stamp, frame, estimate)
+        return LoadAnswer(pair, sensed, estimate, encode_wrench_stamped(wrench), message)
+
+    def _sense(self, pair: PairedSample) -> Sensed:
         """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.
 
         The motion is computed from the measured angles; interpolated or held ones would distort it.
@@ -207,43 +232,12 @@ class LoadPipeline(Pipeline):
             self._motion.forget()
         for angle in pair.angles:
             self._motion.see(angle.stamp, joints_of(angle.angle, angle.others))
-        joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
+        joints = joints_of(pair.angle, pair.others)
+        stamp = pair.load.stamp
+        wrench = pair.load.wrench
         assert wrench is not None  # noqa: S101  (by `ground_sample`)
         ground = ground_of(wrench, self.parameters.ground, joints, inclination(joints))
-        return Sensed(
-            pair.load.stamp, joints, self._motion.now(pair.load.stamp), ground, pair.status
-        )
-
-    def compute(self, pair: PairedSample) -> list[bytes]:
-        """Estimate the joint reaction; return the bytes of its WrenchStamped and of its `LoadEstimate`."""
-        load, self.sensed = pair.load, self.sense(pair)
-        self.estimate = estimate = self._estimator.at(*self.sensed)
-        self.ticks += 1
-        frame = self.parameters.frame.tibia
-        doubt = (
-            UNKNOWN if estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD) else 0.0
-        )  # which `load_sample` reads
-        force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, doubt, 0.0)
-        return [
-            encode_wrench_stamped(WrenchStamped(load.stamp, frame, force, torque)),
-            encode_estimate(load.stamp, frame, estimate),
-        ]
-
-    def answer(
-        self,
-        pair: PairedSample,
-        messages: Sequence[bytes],
-        latency: float = 0.0,  # noqa: ARG002
-    ) -> Answer:
-        """Answer with the inputs and messages of the last estimate; it has no row, and no latency."""
-        stamp, (reaction, estimate) = pair.load.stamp, messages
-        records: tuple[Record, ...] = (
-            *((JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles),
-            (GROUND_REACTION_FORCE, stamp, pair.load.data),
-            (JOINT_REACTION_FORCE, stamp, reaction),
-            (LOAD_ESTIMATE, stamp, estimate),
-        )
-        return Answer(b"", records, sum(len(data) for _, _, data in records))
+        return Sensed(stamp, joints, self._motion.now(stamp), ground, pair.status)
 
     def retune(self, parameters: LoadParameters) -> None:
         """Continue with changed numbers among the parameters, between two ticks."""

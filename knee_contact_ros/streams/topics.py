@@ -89,15 +89,20 @@ Record = tuple[str, int, bytes]
 """A message to record: topic, stamp [ns] and CDR bytes"""
 
 
-class Answer(NamedTuple):
-    """Results of one tick."""
+class TickOutput(NamedTuple):
+    """What the outputs of a node get of one tick."""
 
     row: bytes
-    """Bytes of a `ROW` for each compartment, the medial one first"""
+    """Bytes of a `ROW` for each compartment, the medial one first; empty for the load node"""
     records: tuple[Record, ...]
-    """Messages of the tick: the angles up to its stamp, the load, the answers, the wrench"""
+    """Messages of the tick: the angles up to its stamp, the load, the answers"""
     size: int
     """Size [B] of these messages"""
+
+    @classmethod
+    def of(cls, row: bytes, records: tuple[Record, ...]) -> TickOutput:
+        """Make one of its row and its messages."""
+        return cls(row, records, sum([len(data) for _, _, data in records]))
 
 
 class Ending(NamedTuple):

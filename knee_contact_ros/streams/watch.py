@@ -32,7 +32,7 @@ from knee_contact_ros.parameters.schema import ContactSection, Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 if TYPE_CHECKING:
-    from knee_contact_ros.streams.pairing import Pipeline
+    from knee_contact_ros.streams.pipeline import Pipeline
 
 MOST_BEYOND = 0.1
 """Largest fraction of samples under load that may lie beyond a table of shares without a warning"""
@@ -330,7 +330,7 @@ ADVICE = {
 """Advice, by the most frequent reason of refusals"""
 
 
-def held_sentence(pipeline: Pipeline, held: int) -> str:
+def held_sentence(pipeline: Pipeline[Any], held: int) -> str:
     """Sentence that most answers have an angle of another time, as `held` of them do, and what to do; else empty."""
     if 2 * held <= pipeline.ticks:
         return ""
@@ -345,7 +345,7 @@ def held_sentence(pipeline: Pipeline, held: int) -> str:
     return f"{held} of {pipeline.ticks} answers to {forces} hold an old angle of {angles} (INPUT_HELD): {why}"
 
 
-def unanswered_sentence(pipeline: Pipeline, forces: int) -> str:
+def unanswered_sentence(pipeline: Pipeline[Any], forces: int) -> str:
     """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
     missing = forces - pipeline.ticks
     if missing <= UNANSWERED * forces:

@@ -149,14 +149,14 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
     """Answers of the pipeline to messages."""
     pipeline, answers = ContactPipeline(parameters(), compiled=False), []
     for topic, _, data in inputs:
-        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
+        feed = pipeline.push_joint_state if topic == "/joint_states" else pipeline.push_force
         answers += list(feed(data))
-    answers += list(pipeline.finish())
+    answers += list(pipeline.finish_streams())
     wanted = (KNEE_CONTACT, KNEE_CONTACT_WRENCH)
     return [
         (f"/{topic}", data)
         for answer in answers
-        for topic, _, data in answer.records
+        for topic, _, data in answer.records()
         if topic in wanted
     ]
 

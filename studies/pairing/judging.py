@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.sections import PairingSection
-from knee_contact_ros.streams.pairing import AngleSample, LoadSample, PairedSample, Synchroniser
+from knee_contact_ros.streams.pairing import PairedSample, Pairs, Synchroniser
+from knee_contact_ros.streams.timeline import AngleSample, LoadSample
 from studies.pairing.world import (
     ANGLE,
     LOAD,
@@ -75,14 +76,14 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
     handed: Counter[int] = Counter()
     most, look = 0, 0
 
-    def keep(pairs: list[PairedSample], now: int) -> None:
+    def keep(pairs: Pairs, now: int) -> None:
         for pair in pairs:
             answers[pair.load.data].append(Answer(pair, now))  # type: ignore[index]
             handed.update(angle.data for angle in pair.angles)  # type: ignore[misc]
 
     for number, arrival in enumerate(world.arrivals):
         while look < arrival.arrives:
-            keep(synchroniser.give_up((look - WAIT) / SECOND), look)
+            keep(synchroniser.flush_expired((look - WAIT) / SECOND), look)
             look += LOOK
         if arrival.stream == ANGLE:
             angle = AngleSample(arrival.stamp, angle_at(arrival.taken), number)  # type: ignore[arg-type]
@@ -90,9 +91,11 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
         else:
             load = LoadSample(arrival.stamp, 0.0, 0.0, "", number, arrival.arrives / SECOND)  # type: ignore[arg-type]
             keep(synchroniser.push_load(load), arrival.arrives)
-        most = max(most, len(synchroniser.angle_time.pending), len(synchroniser.load_time.pending))
-    keep(synchroniser.finish(), world.now)
-    handed.update(angle.data for angle in synchroniser.rest())  # type: ignore[misc]
+        most = max(
+            most, len(synchroniser.angle_time.held_back), len(synchroniser.load_time.held_back)
+        )
+    keep(synchroniser.finish_streams(), world.now)
+    handed.update(angle.data for angle in synchroniser.take_unpaired_angles())  # type: ignore[misc]
     return answers, handed, most
 
 

@@ -16,6 +16,7 @@ from mcap.stream_reader import StreamReader
 
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.recorder import INTERRUPTED, FileLimits, check_recordable
 from knee_contact_ros.node.outputs import size_of
 from knee_contact_ros.offline.solve import solve
@@ -23,7 +24,9 @@ from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.streams.topics import TickOutput
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.needs import needs_viewer
 from tests.helpers.patience import wait_until
@@ -52,12 +55,11 @@ def test_a_recording_holds_what_solve_writes(
     sink = started.recorder(
         tmp_path / "live.mcap", wait=False
     )  # it takes answers before it is open
-    for topic, _, data in raw_messages(right_bag):
-        take = pipeline.joint_state if topic == "/joint_states" else pipeline.force
-        for each in take(data):
-            sink.put(each)
+    leg = DrawnLeg()
+    for each in answers_to(pipeline, raw_messages(right_bag)):
+        sink.put(TickOutput.of(each.rows[0], leg.records_with_leg(each)))
     for data in (b"", b""):
-        list(pipeline.joint_state(data))  # refused
+        pipeline.push_joint_state(data)  # refused
     close(sink, pipeline.ending())
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
     said = {"backlog": "0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import FLAT, MESSAGE_BYTES, ROW, Contact, Rows, blank_answers
-from knee_contact_ros.streams.topics import Answer
+from knee_contact_ros.streams.contact_pipeline import ContactAnswer
+from knee_contact_ros.streams.pipeline import AnswerT, Pipeline
+from knee_contact_ros.streams.topics import JOINT_STATES
 
 FIELDS = tuple(
     name for name, (_, begin, *_) in (ROW.fields or {}).items() if begin < MESSAGE_BYTES.stop
@@ -55,9 +57,11 @@ def contacts_of(numbers: st.SearchStrategy[float]) -> st.SearchStrategy[Contact]
     ).map(lambda fields: contact(**fields))
 
 
-def rows_of(answers: Iterable[Answer]) -> np.recarray[Any, Any]:
+def rows_of(answers: Iterable[ContactAnswer]) -> np.recarray[Any, Any]:
     """The rows of answers, shape (n,)."""
-    return np.frombuffer(b"".join(answer.row for answer in answers), ROW).view(np.recarray)
+    return np.frombuffer(b"".join(row for answer in answers for row in answer.rows), ROW).view(
+        np.recarray
+    )
 
 
 def same(one: Rows, other: Rows) -> bool:
@@ -67,3 +71,11 @@ def same(one: Rows, other: Rows) -> bool:
         np.array_equal(one.view(FLAT)[name], other.view(FLAT)[name], equal_nan=True)
         for name in names
     )
+
+
+def answers_to(pipeline: Pipeline[AnswerT], messages: Iterable[Any]) -> Iterator[AnswerT]:
+    """The answers to messages, which have a topic and bytes (`data`), one by one."""
+    for message in messages:
+        is_angle = message.topic == f"/{JOINT_STATES}"
+        push = pipeline.push_joint_state if is_angle else pipeline.push_force
+        yield from push(message.data)

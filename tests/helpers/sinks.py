@@ -34,8 +34,8 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT_WRENCH,
     MESSAGE_TYPES,
     RECORDED,
-    Answer,
     Ending,
+    TickOutput,
 )
 from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.output import VIEWER_NICENESS, open_output
@@ -58,7 +58,7 @@ class MayWait(NamedTuple):
 QUEUE = MayWait()
 
 
-def answer(number: int) -> Answer:
+def answer(number: int) -> TickOutput:
     """An answer that its number tells from others."""
     stamp, depth = 1_000_000 * number, 1e-6 * number
     row = contact(
@@ -69,7 +69,7 @@ def answer(number: int) -> Answer:
     records = [(JOINT_STATES, stamp, angle), (JOINT_REACTION_FORCE, stamp, force)]
     records += [(KNEE_CONTACT, stamp, encode_answer(stamp, "", row))]
     records += [(KNEE_CONTACT_WRENCH, stamp, encode_answer_wrench(stamp, "", row))]
-    return Answer(row, tuple(records), sum(len(data) for _, _, data in records))
+    return TickOutput.of(row, tuple(records))
 
 
 def put(sink: SinkProcess, numbers: range) -> None:

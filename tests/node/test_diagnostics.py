@@ -13,7 +13,7 @@ from knee_contact_ros.node.inputs import InputMeter
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
-from knee_contact_ros.streams.pairing import AngleSample, LoadSample
+from knee_contact_ros.streams.timeline import AngleSample, LoadSample
 
 MS = 1_000_000
 
@@ -49,8 +49,13 @@ class Time:
     def feed(self, stamps: range, ahead: int = 0) -> None:
         """Angles at stamps [ms], and forces with stamps that are so much later [ms]."""
         for stamp in stamps:
-            self.paired.synchroniser.push_angle(AngleSample(stamp * MS, 0.1))
-            self.paired.synchroniser.push_load(LoadSample((stamp + ahead) * MS, 1.0, 0.0, ""))
+            self.push_angle(stamp)
+            load = LoadSample((stamp + ahead) * MS, 1.0, 0.0, "")
+            list(self.paired.synchroniser.push_load(load))
+
+    def push_angle(self, stamp: int) -> None:
+        """An angle at a stamp [ms]."""
+        list(self.paired.synchroniser.push_angle(AngleSample(stamp * MS, 0.1)))
 
     def receive(self, meter: InputMeter, number: int, period: float, age: float = 0.0) -> None:
         """Messages that come every period [s], with stamps so old [s]."""
@@ -74,7 +79,7 @@ def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
     clock.feed(range(1000, 1100, 5))
     _, values, problem = health.pairing()
     assert (values["force ahead of angle [s]"], problem) == ("0.000", (OK, ""))
-    clock.paired.synchroniser.push_angle(AngleSample(1300 * MS, 0.1))
+    clock.push_angle(1300)
     clock.feed(range(1100, 1200, 5))
     assert health.pairing()[2] == (
         WARN,
@@ -119,7 +124,7 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Ti
         (range(0), (WARN, f"100 % {wait} wait for the other topic")),
     ):
         for stamp in stamps:
-            clock.paired.synchroniser.push_angle(AngleSample(stamp * MS, 0.1))
+            clock.push_angle(stamp)
         _, values, problem = health.pairing()
         assert problem == found
     assert values["angles not recorded"] == "30"

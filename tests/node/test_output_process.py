@@ -25,7 +25,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import Answer
+from knee_contact_ros.streams.topics import TickOutput
 from knee_contact_ros.view.output import VIEWER_NICENESS
 from tests.helpers.needs import needs_viewer
 from tests.helpers.patience import wait_until
@@ -159,14 +159,21 @@ def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
         angle = JointState(stamp, "", ("knee", *names), numbers, numbers, numbers)
         force = WrenchStamped(stamp, "tibia", (0.0, -900.0, 0.0), (0.0, 0.0, 0.0))
         inputs.append((encode_joint_state(angle), encode_wrench_stamped(force)))
-    waiting: list[Answer] = []
+    waiting: list[TickOutput] = []
+
+    def wait_for_answers(angle: bytes, force: bytes) -> None:
+        answers = [*pipeline.push_joint_state(angle), *pipeline.push_force(force)]
+        waiting.extend(
+            [TickOutput.of(each.rows_with_latency(1e-4), each.records()) for each in answers]
+        )
+
     for angle, force in inputs[:100]:  # what the first ones bring about stays
-        waiting += [*pipeline.joint_state(angle), *pipeline.force(force)]
+        wait_for_answers(angle, force)
     waiting.clear()
     tracemalloc.start()
     try:
         for angle, force in inputs[100:]:
-            waiting += [*pipeline.joint_state(angle), *pipeline.force(force)]
+            wait_for_answers(angle, force)
         taken, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -6,12 +6,13 @@ The limits are what was counted when they were set, and a fiftieth more. One tha
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 import numpy as np
 import pytest
 
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.system.files import share_folder
@@ -36,8 +37,8 @@ before a doubtful load and a clock that is wrong for good were flagged (9f2c254 
 def test_a_gait_takes_no_more_evaluations(name: str) -> None:
     counted: list[int] = []
 
-    def keep(rows: Any) -> None:
-        counted.extend(int(part["evaluations"].sum()) for part in rows)
+    def keep(block: AnswerBlock) -> None:
+        counted.extend(int(part["evaluations"].sum()) for part in block.rows)
 
     solve(BAG, load_parameters(["healthy", name]), None, keep=keep)
     assert 0.5 * EVALUATIONS[name] < sum(counted) <= ALLOWED * EVALUATIONS[name]
@@ -45,6 +46,7 @@ def test_a_gait_takes_no_more_evaluations(name: str) -> None:
 
 def test_a_live_sample_takes_no_more_calls() -> None:
     stream = ContactPipeline(load_parameters("healthy"), compiled=True)
+    leg = DrawnLeg()
     calls: list[int] = []
 
     def on_event(_frame: object, event: str, _argument: object) -> None:
@@ -52,11 +54,13 @@ def test_a_live_sample_takes_no_more_calls() -> None:
 
     for message in raw_messages(BAG):
         calls.append(0)
-        take = stream.take_force if message.topic.endswith("force") else stream.take_joint_state
+        is_force = message.topic.endswith("force")
+        push = stream.push_force if is_force else stream.push_joint_state
         sys.setprofile(on_event)
         try:
-            for pair in take(message.data):
-                stream.answer(pair, stream.compute(pair))
+            for answer in push(message.data):
+                answer.rows_with_latency(0.0)
+                leg.records_with_leg(answer)
         finally:
             sys.setprofile(None)
     pairs = np.array(calls[200:600]).reshape(-1, 2).sum(axis=1)  # an angle and a force each

@@ -25,8 +25,9 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 
@@ -77,14 +78,10 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
         [],
         list[Estimate](),
     )
-    for message in WALK:
-        for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(
-            message.data
-        ):
-            expected += [
-                RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]
-            ]
-            told.append(pipeline.estimate)
+    for answer in answers_to(pipeline, WALK):
+        for topic, stamp, data in answer.records()[-2:]:
+            expected.append(RawMessage(f"/{topic}", stamp, data))
+        told.append(answer.estimate)
     assert [m for m in messages if m.topic in (REACTION, ESTIMATE)] == expected
     summary = estimate(walking, None)
     assert summary.axial.tolist() == [each.axial_force for each in told]
@@ -182,16 +179,9 @@ def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None
         assert solve(loads, load_parameters({}), contact, overwrite=True).ticks == 700
         rows = read_answers(contact, "/knee_contact")
         assert ((rows["status"] & Status.DOUBTFUL_LOAD) != 0).tolist() == flagged
-        stream, one_by_one = ContactPipeline(load_parameters({}), compiled=False), []
-        for message in raw(loads, {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]}):
-            take = stream.joint_state if message.topic == ANGLES else stream.force
-            one_by_one += [
-                r[2]
-                for answer in take(message.data)
-                for r in answer.records
-                if r[0] == KNEE_CONTACT
-            ]
-        assert one_by_one == [
+        stream = ContactPipeline(load_parameters({}), compiled=False)
+        inputs = raw(loads, {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
+        assert [answer.messages[0] for answer in answers_to(stream, inputs)] == [
             m.data for m in raw(contact, {"/knee_contact": "knee_contact_ros/msg/KneeContact"})
         ]
         (tmp_path / "still.mcap").unlink()
@@ -205,11 +195,8 @@ def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None
         writer = AnswerWriter(
             bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE
         )
-        for message in WALK:
-            for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(
-                message.data
-            ):
-                writer.write_answer(answer.records)
+        for answer in answers_to(pipeline, WALK):
+            writer.write_answer(answer.records())
         writer.write_ending(pipeline.ending())
     assert len(list(folder.glob("*.mcap"))) == 3
     assert read_provenance(folder) is None

@@ -150,7 +150,7 @@ def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
         bag,
         parameters,
         None,
-        keep=lambda stream: each_told.append((stream.sensed.stamp, *stream.estimate)),
+        keep=lambda answer: each_told.append((answer.sensed.stamp, *answer.estimate)),
     )
     found = knee_contact_ros.estimate_load(
         bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve
+from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -133,7 +133,7 @@ def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that
     prompt, late, rows = (
         gait(400, 5, begin=1000),
         list[Message](),
-        [list[Sequence[Rows]](), list[Sequence[Rows]]()],
+        [list[AnswerBlock](), list[AnswerBlock]()],
     )
     for topic, stamp, data in prompt:
         found = JOINT_STATE.decode(data) if topic == "/joint_states" else None
@@ -154,7 +154,7 @@ def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that
         )
         # As they came, under the stamps they came with.
         assert [(m.topic, m.log_time, m.data) for m in raw_messages(output)] == messages
-    first, other = (b"".join(kept.tobytes() for (kept,) in answers) for answers in rows)
+    first, other = (b"".join(block.rows[0].tobytes() for block in blocks) for blocks in rows)
     assert first == other
 
 

@@ -402,7 +402,7 @@ def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> Non
         mcap.writer.add_message(force, stamp, data, stamp)
     how = load_parameters("rep155")
     kept: list[Any] = []
-    summary = solve(mcap.close(), how, None, keep=lambda rows: kept.append(rows[0].copy()))
+    summary = solve(mcap.close(), how, None, keep=lambda block: kept.append(block.rows[0].copy()))
     angles = [angle for rows in kept for angle in rows["flexion_angle"]]
     gap = round(how.pairing.max_gap * 1e9 / STEP)
     assert angles[:100] == [0.1] * 100

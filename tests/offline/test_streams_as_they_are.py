@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin
 import knee_contact_ros
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.bag import RawMessage
+from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
@@ -29,6 +30,7 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES, typestore
+from tests.helpers.answers import answers_to
 from tests.helpers.bags import Mcap, raw_messages, write_rosbag2
 
 STEP = 5_000_000
@@ -66,21 +68,16 @@ def mcap(path: Path, messages: Sequence[RawMessage]) -> Path:
 def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes]:
     """The answers to messages in the order of their arrival; with a `path`, the recording of them is there."""
     parameters = load_parameters({})
-    pipeline, answers = ContactPipeline(parameters, compiled=False), []
-    for message in messages:
-        answers += (
-            pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
-        )(message.data)
-    answers += pipeline.finish()
+    pipeline = ContactPipeline(parameters, compiled=False)
+    answers = [*answers_to(pipeline, messages), *pipeline.finish_streams()]
     if path:
         with BagWriter(path) as bag:
             writer = AnswerWriter(bag, provenance_record(parameters, {}))
+            leg = DrawnLeg()
             for answer in answers:
-                writer.write_answer(answer.records)
+                writer.write_answer(leg.records_with_leg(answer))
             writer.write_ending(pipeline.ending())
-    return [
-        data for answer in answers for topic, _, data in answer.records if topic == KNEE_CONTACT
-    ]
+    return [answer.messages[0] for answer in answers]
 
 
 def split(folder: Path, parts: Sequence[Sequence[RawMessage]]) -> Path:

@@ -21,7 +21,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
-from knee_contact_ros.streams.contact_pipeline import ContactPipeline
+from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -29,7 +29,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, Answer, recorded_topics
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
 from tests.helpers.scenes import quick
 
 STEP = 5_000_000
@@ -53,13 +53,15 @@ def messages(moment: float = 0.0) -> Iterator[tuple[bytes, bytes]]:
         )
 
 
-def one_by_one(pipeline: ContactPipeline, moment: float = 0.0) -> tuple[list[Answer], list[Rows]]:
+def one_by_one(
+    pipeline: ContactPipeline, moment: float = 0.0
+) -> tuple[list[ContactAnswer], list[Rows]]:
     """All answers, and the rows of each compartment."""
     answers = []
     for state, force in messages(moment):
-        answers += [*pipeline.joint_state(state), *pipeline.force(force)]
-    answers += pipeline.finish()
-    rows = np.frombuffer(b"".join(answer.row for answer in answers), ROW)
+        answers += [*pipeline.push_joint_state(state), *pipeline.push_force(force)]
+    answers += pipeline.finish_streams()
+    rows = np.frombuffer(b"".join(row for answer in answers for row in answer.rows), ROW)
     number = len(pipeline.compartments)
     return answers, [rows[first::number] for first in range(number)]
 
@@ -150,7 +152,7 @@ def test_medial_and_lateral_load_are_the_axial_load(
 def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     """On planes without slope the forces point down: their moment about x is d (lateral - medial)."""
     answers, (medial, lateral) = one_by_one(pipeline_of({"load.share": 0.7}))
-    wrenches = [WRENCH.decode(answer.records[-1][2])[0] for answer in answers]
+    wrenches = [WRENCH.decode(answer.wrench)[0] for answer in answers]
     total = medial["contact_force"] + lateral["contact_force"]
     assert [wrench.force[1] for wrench in wrenches if wrench] == pytest.approx(
         (-total).tolist(), rel=ROUNDINGS

@@ -17,7 +17,7 @@ from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.load_pipeline import LoadPipeline, encode_estimate
+from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline, encode_estimate
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -28,10 +28,10 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.topics import (
     LOAD_ESTIMATE,
     MESSAGE_TYPES,
-    Answer,
     deserialize,
     typestore,
 )
+from tests.helpers.answers import answers_to
 from tests.helpers.messages import PlainMessages, header
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk
 
@@ -42,26 +42,18 @@ def pipeline(values: Any = None) -> LoadPipeline:
     return LoadPipeline(load_parameters(WHOLE_LEG if values is None else values, LoadParameters))
 
 
-def take(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[tuple[Answer, Estimate]]:
+def take(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[LoadAnswer]:
     """What they make possible."""
-    found = []
-    for message in messages:
-        for answer in (pipe.joint_state if message.topic == ANGLES else pipe.force)(message.data):
-            assert pipe.estimate
-            found.append((answer, pipe.estimate))
-    return found
+    return list(answers_to(pipe, messages))
 
 
-def by_stamp(found: Iterable[tuple[Answer, Estimate]]) -> dict[int, Estimate]:
-    return {answer.records[-1][1]: estimate for answer, estimate in found}
+def by_stamp(answers: Iterable[LoadAnswer]) -> dict[int, Estimate]:
+    return {answer.sensed.stamp: answer.estimate for answer in answers}
 
 
 def estimates(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[Estimate]:
-    found = [estimate for _, estimate in take(pipe, messages)]
-    for _ in pipe.finish():
-        assert pipe.estimate
-        found.append(pipe.estimate)
-    return found
+    answers = [*take(pipe, messages), *pipe.finish_streams()]
+    return [answer.estimate for answer in answers]
 
 
 def state(stamp: int, efforts: tuple[float, ...] = (), **positions: float) -> RawMessage:
@@ -93,9 +85,9 @@ ROUNDING = 1e-8
 
 
 def test_the_reaction_is_in_the_tibia_frame_that_is_asked_for() -> None:
-    (answer, estimate), _ = take(pipeline(WHOLE_LEG | {"frame.tibia": "shank_isb"}), walk(2))
-    told, _ = WRENCH.read(answer.records[2][2], answer.records[2][0])
-    assert told == (
+    answer, _ = take(pipeline(WHOLE_LEG | {"frame.tibia": "shank_isb"}), walk(2))
+    estimate = answer.estimate
+    assert WRENCH.read(answer.reaction, "")[0] == (
         0,
         "shank_isb",
         (0.0, -estimate.axial_force, 0.0),
@@ -145,10 +137,7 @@ def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
         if (
             given_up and message.log_time in silence
         ):  # as the node does when a force has waited for long enough
-            for pair in pipe.synchroniser.give_up():
-                pipe.compute(pair)
-                assert pipe.estimate
-                found[pair.load.stamp] = pipe.estimate
+            found |= by_stamp(pipe.flush_expired(math.inf))
     kind = Status.INPUT_HELD if given_up else Status.STALE_INPUT
     flagged = [stamp for stamp, estimate in found.items() if estimate.status & kind]
     expected = range(300 * MS, silence.stop, 5 * MS) if given_up or pause > 100 else range(0)
@@ -185,14 +174,9 @@ def test_another_offset_is_no_motion() -> None:
     pipe.retune(
         load_parameters(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}, LoadParameters)
     )
-    found = [estimate for _, estimate in take(pipe, messages[200:])]
-    expected = [
-        e
-        for _, e in take(
-            pipeline(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}), messages[200:]
-        )
-    ]
-    assert found == expected
+    found = [answer.estimate for answer in take(pipe, messages[200:])]
+    turned = pipeline(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2})
+    assert found == [answer.estimate for answer in take(turned, messages[200:])]
 
 
 def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_on() -> None:
@@ -205,10 +189,10 @@ def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_o
     assert before == whole[:50]
     assert whole[60] != other[60]
     off = [
-        one.axial_force - there.axial_force
-        for (_, one), (_, there) in zip(after, other[50:], strict=True)
+        one.estimate.axial_force - there.estimate.axial_force
+        for one, there in zip(after, other[50:], strict=True)
     ]
-    assert 1.0 < abs(off[0]) < abs(whole[50][1].axial_force - other[50][1].axial_force)
+    assert 1.0 < abs(off[0]) < abs(whole[50].estimate.axial_force - other[50].estimate.axial_force)
     fading = [off[0] * math.exp(-0.005 * number / 0.025) for number in range(len(off))]
     assert off == pytest.approx(
         fading, abs=ROUNDING

@@ -1,4 +1,4 @@
-"""Pairing by stamp: which samples of a stream are believed, and what becomes of them; rates, gaps, jumps, orders."""
+"""Pairing by stamp: which samples of a stream are accepted, and what becomes of them; rates, gaps, jumps, orders."""
 
 from __future__ import annotations
 
@@ -12,14 +12,8 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.sections import PairingSection
-from knee_contact_ros.streams.pairing import (
-    AngleSample,
-    LoadSample,
-    PairedSample,
-    Refusals,
-    Synchroniser,
-    Timeline,
-)
+from knee_contact_ros.streams.pairing import PairedSample, Synchroniser
+from knee_contact_ros.streams.timeline import AngleSample, LoadSample, Refusals, Timeline
 
 MS = 1_000_000
 HELD, STALE, RESET, REJECTED = (
@@ -41,11 +35,11 @@ class Stream:
 
     def take(self, stamp: float, other: Stream | None = None) -> list[float]:
         """What is believed with this stamp."""
-        believed = self.time.take(load(stamp), (other or SILENT).time)
+        believed = self.time.push_sample(load(stamp), (other or SILENT).time)
         return [sample.stamp / MS for sample in believed]
 
-    def look_again(self, other: Stream, jumped: bool = False) -> list[float]:
-        return [sample.stamp / MS for sample in self.time.look_again(other.time, jumped)]
+    def recheck(self, other: Stream, jumped: bool = False) -> list[float]:
+        return [sample.stamp / MS for sample in self.time.recheck_held_back(other.time, jumped)]
 
 
 SILENT = Stream()
@@ -142,11 +136,11 @@ def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stam
         stream.take(590, other) == other.take(595, stream) == []
     )  # a driver may have got one stamp wrong for both
     assert stream.take(600, other) == [590, 600]
-    assert other.look_again(stream) == [595]
+    assert other.recheck(stream) == [595]
     stream, other = Stream(TEN), Stream(TEN)
     assert stream.take(-800, other) == other.take(-799, stream) == []
     assert stream.take(-790, other) == [-800, -790]
-    assert other.look_again(stream, jumped=True) == [-799]
+    assert other.recheck(stream, jumped=True) == [-799]
     stream, other = Stream(TEN), Stream(TEN)
     assert stream.take(-800, other) == other.take(-800, stream) == []
     for one, another in ((stream, other), (other, stream)):
@@ -176,7 +170,7 @@ def feed(
     for one in samples.split() if isinstance(samples, str) else samples:
         sample = sample_of(one) if isinstance(one, str) and one != "." else one
         if isinstance(sample, str):
-            pairs += synchroniser.finish()
+            pairs += synchroniser.finish_streams()
         elif isinstance(sample, AngleSample):
             pairs += synchroniser.push_angle(sample)
         else:
@@ -270,12 +264,15 @@ def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle
     None
 ):
     synchroniser = Synchroniser(PairingSection())
-    assert told(feed(synchroniser, "a5=0.3 l6 l7") + synchroniser.give_up()) == "6=0.3H 7=0.3H"
+    assert (
+        told([*feed(synchroniser, "a5=0.3 l6 l7"), *synchroniser.flush_expired()])
+        == "6=0.3H 7=0.3H"
+    )
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a0 l0 a10 l10")
     assert feed(synchroniser, [load(5000)._replace(arrived=3.0), angle(5000, 0.7)]) == []
-    assert synchroniser.give_up(2.9) == []
-    assert told(synchroniser.give_up(3.0)) == "5000=0.7S"
+    assert list(synchroniser.flush_expired(2.9)) == []
+    assert told(synchroniser.flush_expired(3.0)) == "5000=0.7S"
     regular = " ".join(f"a{at}=0.3 l{at}" for at in range(0, 100, 10))
     pairs = feed(Synchroniser(PairingSection()), f"{regular} l95 a150=1 .")
     assert told(pairs[9:]) == "90=0.3 95=0.3H"
@@ -285,24 +282,26 @@ def test_nothing_grows_while_the_other_stream_is_silent() -> None:
     """What waits for a force that does not come is given up, oldest first, and counted; so it is with an angle."""
     synchroniser = Synchroniser(PairingSection(queue=100))
     feed(synchroniser, [angle(i) for i in range(1000)])
-    assert (synchroniser.unrecorded, synchroniser.fill) == (900, 1.0)
+    assert (synchroniser.unrecorded_angles, synchroniser.fill) == (900, 1.0)
     (pair,) = feed(synchroniser, [load(999)])
     assert [a.stamp // MS for a in pair.angles] == list(range(900, 1000))
     held = feed(synchroniser, [load(i) for i in range(1000, 1300)])
     assert [pair.load.stamp // MS for pair in held] == list(range(1000, 1200))
     assert {pair.angle for pair in held} == {999.0}
-    assert len(synchroniser.waiting) == 100
+    assert len(synchroniser.waiting_loads) == 100
 
 
 def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles_is_lost() -> None:
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a9000 l9000 a9010 l9005")
-    synchroniser.forget()
-    assert [a.stamp // MS for a in synchroniser.rest()] == [9010]  # is still to be recorded
+    synchroniser.clear_streams()
+    assert [a.stamp // MS for a in synchroniser.take_unpaired_angles()] == [
+        9010
+    ]  # is still to be recorded
     assert told(feed(synchroniser, "a0 l0 a10 l10")) == "0 10"
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a0=0 l0 a10=1 l9 .")
-    synchroniser.forget()
+    synchroniser.clear_streams()
     pairs = feed(synchroniser, "l12 l13 a20=2 a30=3 l14")
     assert told(pairs) == "12=1.2 13=1.3 14=1.4"
     assert not synchroniser.refused

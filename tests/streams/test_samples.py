@@ -217,13 +217,13 @@ def test_an_angle_that_lags_holds_earlier_and_is_recorded_as_it_came() -> None:
     sample = angle_sample(
         state(knee=0.25)._replace(stamp=20_000_000), KneeSection(), delay=25_000_000
     )
-    assert (sample.stamp, sample.came_at) == (-5_000_000, 20_000_000)
+    assert (sample.stamp, sample.message_stamp) == (-5_000_000, 20_000_000)
     with pytest.raises(RefusedSampleError, match="stamp -1 ns"):
         angle_sample(state(knee=0.25)._replace(stamp=-1), KneeSection(), delay=-25_000_000)
     of_leg = leg_sample(
         state(knee=0.25), load_parameters({}, LoadParameters), b"as it came", 25_000_000
     )
-    assert (of_leg.stamp, of_leg.came_at, of_leg.data) == (
+    assert (of_leg.stamp, of_leg.message_stamp, of_leg.data) == (
         STAMP - 25_000_000,
         STAMP,
         b"as it came",

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.streams.pairing import PairedSample, Synchroniser, Timeline
+from knee_contact_ros.streams.pairing import Pairs, Synchroniser
+from knee_contact_ros.streams.timeline import Timeline
 from studies.pairing.judging import judged
 
 WORLDS = range(10_112, 10_136)
@@ -24,48 +25,48 @@ def test_every_good_sample_gets_what_it_must() -> None:
     assert breaches(WORLDS) == []
 
 
-def believe_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
+def accept_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
     """One stamp ahead, and all that come after it are late; one behind, and the stream begins anew."""
     if self.last is not None and 0 <= self.last - sample.stamp <= self._max_gap:
-        self._refused.count("angle_not_in_order")
+        self._refused.count_refused("angle_not_in_order")
         return []
-    self._go_to(sample.stamp)
+    self._advance_to(sample.stamp)
     return [sample]
 
 
-def believe_nothing_else(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
-    """A clock that is set is not believed any more."""
+def accept_no_jump(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
+    """A clock that is set is not accepted any more."""
     if self.last is not None and not 0 < sample.stamp - self.last <= 5 * self._max_gap:
-        self._refused.count("angle_off_time")
+        self._refused.count_refused("angle_off_time")
         return []
-    self._go_to(sample.stamp)
+    self._advance_to(sample.stamp)
     return [sample]
 
 
-def give_up_all(self: Synchroniser, _arrived_by: float = 0.0) -> list[PairedSample]:
+def flush_all(self: Synchroniser, _arrived_by: float = 0.0) -> Pairs:
     """Also loads that have only just come."""
-    return self._pairs(hold=True)
+    return self._make_pairs(len(self.waiting_loads), hold=True)
 
 
-def keep_old_angles(self: Synchroniser, samples: list[Any]) -> list[PairedSample]:
+def keep_old_angles(self: Synchroniser, samples: list[Any]) -> Pairs:
     """Where angles have jumped back, those of before stay in the way."""
     self.angles.extend(samples)
-    self.fresh.extend(samples)
-    return self._pairs()
+    self.unpaired_angles.extend(samples)
+    return self._make_pairs(len(self.waiting_loads))
 
 
 FAULTS: dict[str, tuple[type, str, Callable[..., Any]]] = {
-    "every stamp is believed": (Timeline, "take", believe_all),
-    "no jump is believed": (Timeline, "take", believe_nothing_else),
+    "every stamp is accepted": (Timeline, "push_sample", accept_all),
+    "no jump is accepted": (Timeline, "push_sample", accept_no_jump),
     "the other stream is not looked at": (Timeline, "has_reached", lambda _self, _stamp: False),
-    "nothing kept aside is looked at again": (
+    "nothing held back is checked again": (
         Timeline,
-        "look_again",
+        "recheck_held_back",
         lambda _self, _other, jumped=False: [],
     ),
-    "a load is given up too soon": (Synchroniser, "give_up", give_up_all),
-    "angles of before a jump are kept": (Synchroniser, "_take_angles", keep_old_angles),
-    "nothing kept aside is believed": (Timeline, "_believable", lambda _self, _other: 0),
+    "a load is held too soon": (Synchroniser, "flush_expired", flush_all),
+    "angles of before a jump are kept": (Synchroniser, "_pairs_with_angles", keep_old_angles),
+    "nothing held back is accepted": (Timeline, "_acceptable", lambda _self, _other: 0),
 }
 
 

@@ -18,7 +18,7 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
-from tests.helpers.answers import rows_of
+from tests.helpers.answers import answers_to, rows_of
 from tests.helpers.bags import raw_messages
 
 WEIGHT = 737.068
@@ -31,8 +31,7 @@ SHIPPED = [
 
 
 def answers_of(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Iterator[Any]:
-    for topic, _, message in raw_messages(bag)[:most]:
-        yield from (stream.joint_state if topic == "/joint_states" else stream.force)(message)
+    return answers_to(stream, raw_messages(bag)[:most])
 
 
 def answered(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Rows:

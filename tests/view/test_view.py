@@ -68,7 +68,7 @@ def test_a_recording_looks_as_it_did_live(
     now, then = tmp_path / "live.rrd", tmp_path / "later.rrd"
     live = open_output(now, [outlines_of(stream.model, "knee", 737.068)])
     for answer in answers_of(stream, right_bag):
-        live.write([answer.row])
+        live.write([*answer.rows])
     live.finish(Ending((), {}))
     assert run(f"view {osteoarthritic} --save {then}") == 0
     seen = entities(now)
@@ -168,7 +168,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
         for answer in answers_of(stream, right_bag):
-            writer.write_answer(answer.records)
+            writer.write_answer(answer.records())
             if stream.ticks == 100:
                 writer.write_note(
                     PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3})

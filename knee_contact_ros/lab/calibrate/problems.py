@@ -392,7 +392,7 @@ def referenced(
                 None,
                 advance,
                 names=names,
-                keep=lambda stream: samples.append(stream.sensed),
+                keep=lambda answer: samples.append(answer.sensed),
             )
             stamps, axial, refused = _reference(opened, topic)
             doubts += [*_own_estimate(opened, topic), *others_beside(bag)]

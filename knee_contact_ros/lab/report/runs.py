@@ -39,7 +39,7 @@ from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
 from knee_contact_ros.parameters.schema import Parameters, constants_of
-from knee_contact_ros.streams.contact_pipeline import answering
+from knee_contact_ros.streams.compartments import compartment_of_topic
 from knee_contact_ros.streams.topics import (
     KNEE,
     KNEE_CONTACT,
@@ -366,10 +366,10 @@ def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) 
     stored = basis if isinstance(basis, Provenance) else None
     model: KneeModel | None = None
     try:
-        own, texts = answering(topic, resolved_parameters(basis), file_contents(basis))
+        own, texts = compartment_of_topic(topic, resolved_parameters(basis), file_contents(basis))
         model = build_model(own, curves=texts)
     except UsageError:  # a file that the parameters name is missing
-        own, _ = answering(topic, resolved_parameters(basis), {})
+        own, _ = compartment_of_topic(topic, resolved_parameters(basis), {})
     doubts = doubts_about(own, model) if model else Doubts()
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch

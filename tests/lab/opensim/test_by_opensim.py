@@ -329,7 +329,7 @@ def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[
         bag,
         parameters,
         output,
-        keep=lambda stream: estimates.update({stream.sensed.stamp: stream.estimate}),
+        keep=lambda answer: estimates.update({answer.sensed.stamp: answer.estimate}),
     ), estimates
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.answers import read_answers, read_bag
+from knee_contact_ros.bags.leg import POSE_PERIOD, description
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_pipeline import MOVED, description
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF, stamp_to_ns
 
 
@@ -31,9 +31,9 @@ def test_the_thigh_is_where_the_answers_have_the_femur(recording: Path) -> None:
     ]
     stamps = [stamp_to_ns(one.header.stamp) for (one,) in moves]
     assert (
-        len({stamp // MOVED for stamp in stamps})
+        len({stamp // POSE_PERIOD for stamp in stamps})
         == len(stamps)
-        == len({s // MOVED for s in by_stamp})
+        == len({s // POSE_PERIOD for s in by_stamp})
     )
     for stamp, (one,) in zip(stamps, moves, strict=True):
         assert (one.header.frame_id, one.child_frame_id) == ("tibia_r", "tibia_r/thigh")

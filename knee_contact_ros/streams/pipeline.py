@@ -1,0 +1,190 @@
+"""The loop from messages to answers, for the nodes, `solve`, `estimate-load` and studies.
+
+A message is pushed; its sample is refused or paired, and every pair that it makes possible is answered. Answers come
+one by one, each as soon as it is computed, so that it can be published before the next one is.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from typing import Any, Generic, Protocol, TypeVar
+
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.messages import (
+    JOINT_STATE,
+    WRENCH,
+    JointState,
+    RefusedSampleError,
+    WrenchStamped,
+)
+from knee_contact_ros.streams.pairing import PairedSample, Pairs, Synchroniser
+from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
+from knee_contact_ros.streams.timeline import AngleSample, LoadSample
+from knee_contact_ros.streams.topics import JOINT_STATES, Ending, Record
+
+LARGEST_ANGLE_SWING = 0.03
+"""Difference [rad] above which two publishers of angles disagree"""
+LARGEST_FORCE_SWING = 50.0
+"""Difference [N] above which two publishers of forces disagree"""
+
+
+class PairAnswer(Protocol):
+    """Answer of a pipeline to a pair: what led to it, and what is published and recorded."""
+
+    @property
+    def pair(self) -> PairedSample:
+        """Inputs of the tick."""
+
+    def records(self) -> tuple[Record, ...]:
+        """Messages to record: the angles up to the tick's stamp, the load, the answers."""
+
+
+AnswerT = TypeVar("AnswerT", bound=PairAnswer)
+
+
+class Pipeline(ABC, Generic[AnswerT]):
+    """Base of all computations on two streams, of angles and of forces.
+
+    What the `push` methods and `finish_streams` return must be iterated to its end before the next call of one of them.
+    """
+
+    def __init__(
+        self, force_topic: str, parameters: Parameters | LoadParameters, frame: ForceFrame
+    ) -> None:
+        """Begin without samples."""
+        self.force_topic = force_topic
+        angles, forces = parameters.inputs()
+        self.sources = {JOINT_STATES: angles.topic, force_topic: forces.topic}
+        """Topics from which the inputs come, by their usual names, for the sentences about refused samples"""
+        self.frame = frame
+        self.synchroniser = Synchroniser(parameters.pairing)
+        self.ticks = 0
+        """Number of answers"""
+        self.angle_conflict = PublisherConflict(JOINT_STATES, LARGEST_ANGLE_SWING, "rad")
+        """Whether the angles come from publishers that disagree"""
+        self.force_conflict = PublisherConflict(force_topic, LARGEST_FORCE_SWING, "N")
+        """Whether the forces come from publishers that disagree"""
+        self.message_stamp: int | None = None
+        """Stamp [ns] of the last message; None if its bytes are not a message"""
+        self.last_refusal = ""
+        """Sentence about the last refused sample"""
+
+    @abstractmethod
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """Sample of a JointState that is recorded as `data`; raises RefusedSampleError."""
+
+    @abstractmethod
+    def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """Sample of a WrenchStamped in the wanted frame; see `push_force`; raises RefusedSampleError."""
+
+    @abstractmethod
+    def answer_pair(self, pair: PairedSample) -> AnswerT:
+        """Compute the answer to a pair; to be called for every pair, in order."""
+
+    def check_retune(self, parameters: Any) -> None:
+        """Check that `retune` will accept these parameters; raises the reason if not, and changes nothing."""
+
+    @abstractmethod
+    def retune(self, parameters: Any) -> None:
+        """Continue with changed numbers among the parameters, between two ticks."""
+
+    def push_joint_state(self, data: bytes) -> Iterator[AnswerT]:
+        """Push the bytes of a JointState; return the answers that it makes possible."""
+        self.message_stamp = None
+        try:
+            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            self.message_stamp = message.stamp
+            if not message.stamp:
+                self._refuse_unset_stamp(JOINT_STATES)
+            sample = self.angle_sample(message, recorded)
+        except RefusedSampleError as refused:
+            return self._refuse_sample(refused)
+        self.angle_conflict.add_sample(message.stamp, sample.angle)
+        return self._answers(self.synchroniser.push_angle(sample))
+
+    def push_force(self, data: bytes, arrived: float = 0.0) -> Iterator[AnswerT]:
+        """Push the bytes of a WrenchStamped that arrived at a time [s] by the caller's clock; return the answers."""
+        self.message_stamp = None
+        try:
+            message, recorded = WRENCH.read(data, self.force_topic)
+            self.message_stamp = message.stamp
+            if not message.stamp:
+                self._refuse_unset_stamp(self.force_topic)
+            wrench, recorded = self.frame.turned(message, recorded)
+            sample = self.load_sample(wrench, recorded, arrived)
+        except RefusedSampleError as refused:
+            return self._refuse_sample(refused)
+        self.force_conflict.add_sample(message.stamp, sample.axial)
+        if self.frame.is_held:
+            return self._answers(self.synchroniser.push_load(sample))
+        refused_before = self.refused
+        pairs = self.synchroniser.push_load(sample)
+        if self.refused == refused_before:
+            self.frame.hold(message.frame_id)  # all others are expected in it
+        return self._answers(pairs)
+
+    def push_messages(self, messages: Iterable[tuple[int, int, bytes]]) -> Iterator[AnswerT]:
+        """Push messages in their order, and yield the answers.
+
+        A message is its stream (0: angles, 1: forces), a time that is not used, and its bytes, as in blocks of a bag.
+        """
+        for stream, _, data in messages:
+            yield from self.push_force(data) if stream else self.push_joint_state(data)
+
+    def flush_expired(self, arrived_by: float) -> Iterator[AnswerT]:
+        """Answer the forces that arrived until a time [s] and still wait for an angle."""
+        return self._answers(self.synchroniser.flush_expired(arrived_by))
+
+    def finish_streams(self) -> Iterator[AnswerT]:
+        """Yield the answers to all waiting samples, because no more will come."""
+        self.angle_conflict.check_samples()
+        self.force_conflict.check_samples()
+        return self._answers(self.synchroniser.finish_streams())
+
+    def reset(self) -> None:
+        """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
+        self.frame.forget()
+        self.synchroniser.restart()
+
+    def ending(self) -> Ending:
+        """End of a recording: the angles that belong to no answer, and the counts of refused samples."""
+        unpaired = self.synchroniser.take_unpaired_angles()
+        inputs = tuple((JOINT_STATES, angle.message_stamp, angle.data) for angle in unpaired)
+        return Ending(inputs, dict(self.synchroniser.refused))
+
+    @property
+    def refused(self) -> int:
+        """Number of refused samples."""
+        return self.synchroniser.refused.total()
+
+    def _answers(self, pairs: Pairs) -> Iterator[AnswerT]:
+        """Yield the answers to pairs."""
+        for pair in pairs:
+            answer = self.answer_pair(pair)
+            self.ticks += 1
+            yield answer
+
+    def _refuse_unset_stamp(self, topic: str) -> None:
+        """Refuse a sample with the stamp 0, unless it may be the first one of a recording that begins there.
+
+        Raises:
+            RefusedSampleError: the last sample of the topic also has that stamp.
+        """
+        time: Any = self.synchroniser.load_time
+        first = 0
+        if topic == JOINT_STATES:
+            time = self.synchroniser.angle_time
+            first = -self.synchroniser.angle_delay
+        if time.last == first or any(sample.stamp == first for sample in time.held_back):
+            raise RefusedSampleError("no_stamp", f"{topic}: header.stamp is not set (0)")
+
+    def _refuse_sample(self, refused: RefusedSampleError) -> Iterator[AnswerT]:
+        """Count a sample that cannot be used; it has no answers."""
+        self.synchroniser.refused.count_refused(refused.reason)
+        topic, *_ = re.split("[: ]", str(refused), maxsplit=1)
+        self.last_refusal = self.sources.get(topic, topic) + str(refused).removeprefix(topic)
+        return iter(())
