@@ -12,12 +12,8 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.folder import files_digest
 from knee_contact_ros.bags.recorder import CONTINUED
-from knee_contact_ros.parameters.files import (
-    curve_files,
-    flat_parameters,
-    load_parameters,
-    read_curve,
-)
+from knee_contact_ros.parameters.curves import curve_files, read_curve
+from knee_contact_ros.parameters.files import flat_parameters, load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE

@@ -21,7 +21,8 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.files import curve_texts, load_parameters
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.compartments import compartment_of_topic
 from knee_contact_ros.streams.topics import (

@@ -19,13 +19,8 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import ROW, Floats, Rows, Status
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
-from knee_contact_ros.parameters.files import (
-    curve_files,
-    known_parameters,
-    lateral_texts,
-    read_curve,
-    variations_of,
-)
+from knee_contact_ros.parameters.curves import curve_files, lateral_texts, read_curve
+from knee_contact_ros.parameters.files import known_parameters, variations_of
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
 from knee_contact_ros.streams.compartments import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError

@@ -27,13 +27,8 @@ from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import Floats, Rows
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
-from knee_contact_ros.parameters.files import (
-    ParameterSource,
-    all_values,
-    curve_files,
-    dotted,
-    known_parameters,
-)
+from knee_contact_ros.parameters.curves import curve_files
+from knee_contact_ros.parameters.files import ParameterSource, all_values, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError, suggest

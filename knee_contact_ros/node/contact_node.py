@@ -34,7 +34,7 @@ from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
-from knee_contact_ros.parameters.files import curve_texts
+from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
 from knee_contact_ros.streams.messages import JointState as StrideNumbers

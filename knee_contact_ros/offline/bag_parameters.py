@@ -12,13 +12,8 @@ from pydantic import Field, ValidationError
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
 from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.parameters.files import (
-    ParameterSource,
-    curve_texts,
-    dotted,
-    first_error,
-    load_parameters,
-)
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.files import ParameterSource, dotted, first_error, load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.parameters.sections import Section

@@ -34,7 +34,8 @@ from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.files import ParameterSource, curve_texts, dotted, load_parameters
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.files import ParameterSource, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Records, Results
 from knee_contact_ros.streams.compartments import compartments_of

@@ -20,7 +20,7 @@ from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
 from knee_contact_ros.model.surfaces import TIBIAL_GEOMETRIES, ContactPair
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.files import (
+from knee_contact_ros.parameters.curves import (
     SHARE_FILE,
     curve_points,
     curve_texts,
@@ -51,7 +51,7 @@ def build_model(
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
-    """Copy of a model with the numbers of other parameters; surfaces, mechanism and drive are kept.
+    """Return a copy of a model with the numbers of other parameters; surfaces, mechanism and drive are kept.
 
     Raises:
         UsageError: the contact law cannot be used.
@@ -60,7 +60,7 @@ def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
 
 
 def _numbers(parameters: Parameters) -> dict[str, Any]:
-    """Fields of a model that need no surface, by name: law, mass, level, tolerances, budget and patch."""
+    """Return the fields of a model that need no surface, by name: law, mass, level, tolerances, budget and patch."""
     law, fidelity = contact_law(parameters.contact), parameters.fidelity
     return {
         "law": law,
@@ -75,16 +75,15 @@ def _numbers(parameters: Parameters) -> dict[str, Any]:
 
 
 def contact_law(contact: ContactSection) -> ContactLaw:
-    """Contact law by its name, with the parameters that are the arguments of its factory.
+    """Make a contact law by its name, with the parameters that are the arguments of its factory.
 
     Raises:
         UsageError: the law does not fulfil what `ContactLaw` requires.
     """
     constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
     if contact.stiffness_from == "material":
-        constants |= {
-            name: value for name, value in material_stiffness(contact).items() if name in constants
-        }
+        stiffness = material_stiffness(contact)
+        constants |= {name: stiffness[name] for name in constants.keys() & stiffness.keys()}
     try:
         law = CONTACT_LAWS[contact.law](**constants)
         check(law)
@@ -94,7 +93,7 @@ def contact_law(contact: ContactSection) -> ContactLaw:
 
 
 def material_stiffness(contact: ContactSection) -> dict[str, float]:
-    """Hertz stiffness of both layers [N/m^1.5], by parameter, from modulus, Poisson's ratio and radii."""
+    """Return Hertz' stiffness of both layers [N/m^1.5], by parameter, from modulus, Poisson's ratio and radii."""
     radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
     return {
         "stiffness": hertz_stiffness(contact.youngs_modulus, contact.poissons_ratio, radius),
@@ -103,7 +102,7 @@ def material_stiffness(contact: ContactSection) -> dict[str, float]:
 
 
 def contact_patch(contact: ContactSection, law: ContactLaw) -> ContactPatch | None:
-    """Contact patch from the radii and the cartilage's thickness; None if the radii do not fit each other.
+    """Return the contact patch from the radii and the cartilage's thickness; None if the radii do not fit each other.
 
     The thickness is that of the law's first layer; for a law with one layer it is `contact.foundation_thickness`.
     """
@@ -117,7 +116,7 @@ def contact_patch(contact: ContactSection, law: ContactLaw) -> ContactPatch | No
 
 
 def contact_pair(parameters: Parameters, texts: Mapping[str, str]) -> ContactPair:
-    """Both surfaces and the mechanism of some parameters; `texts` has the contents of files by parameter."""
+    """Make both surfaces and the mechanism of some parameters; `texts` has the contents of files by parameter."""
     femur, tibia, translation = parameters.femur, parameters.tibia, parameters.translation
 
     def from_file(make: Callable[..., Any], by: str, name: str, scale: float = 1.0) -> Any:
@@ -144,14 +143,15 @@ def contact_pair(parameters: Parameters, texts: Mapping[str, str]) -> ContactPai
 
 
 def load_rule(parameters: Parameters, texts: Mapping[str, str]) -> LoadRule:
-    """Rule for the load of the medial (or only) compartment; `texts` has the contents of files by parameter.
+    """Make the rule for the load of the medial (or only) compartment; `texts` has the contents of files by parameter.
 
     Raises:
         UsageError: the table of shares cannot be used.
     """
-    load, table = parameters.load, None
+    load = parameters.load
+    weight = parameters.body_weight
+    measured = None
     if load.rule == "measured_share":
-        table = MeasuredShare(
-            read_share_table(load.share_file, texts[SHARE_FILE]), parameters.body_weight
-        )
-    return LoadRule(load.rule, load.share, load.compartment_spacing, table, parameters.body_weight)
+        table = read_share_table(load.share_file, texts[SHARE_FILE])
+        measured = MeasuredShare(table, weight)
+    return LoadRule(load.rule, load.share, load.compartment_spacing, measured, weight)

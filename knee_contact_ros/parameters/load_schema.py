@@ -167,12 +167,9 @@ class LoadParameters(NodeSection):
         assisted = self.knee.assisted or self.ankle.assisted
         if assisted and self.inputs()[0].fields:
             return "knee.source: fields are not allowed; they give no effort of an assisted joint"
-        is_full = self.ground.components == "full"
-        needed, why = (
-            (6, "ground.components full")
-            if is_full
-            else (3 if self.frame.ground else 1, "frame.ground")
-        )
+        needed, why = (3 if self.frame.ground else 1), "frame.ground"
+        if self.ground.components == "full":
+            needed, why = 6, "ground.components full"
         return self.problem_of_sources(needed, why)
 
 

@@ -223,7 +223,7 @@ def with_constants_of_laws(
                     argument.default, description=limits.meaning, ge=limits.least, le=limits.most
                 )
                 more[name] = (types[name].__origin__, field)
-    # The module, so that it can be pickled.
+    # Pickling looks the class up in this module.
     return create_model(
         "ContactSection", __base__=CommonContactSection, __module__=__name__, **more
     )
@@ -328,10 +328,9 @@ class Parameters(NodeSection):
 
     def problem(self) -> str:
         """First combination of values that is not allowed, in either compartment; see `NodeSection`."""
-        by_moment = self.load.rule == "moment_balance"
-        needed, why = (
-            (6, "moment_balance") if by_moment else (3 if self.frame.tibia else 1, "frame.tibia")
-        )
+        needed, why = (3 if self.frame.tibia else 1), "frame.tibia"
+        if self.load.rule == "moment_balance":
+            needed, why = 6, "moment_balance"
         first = self.problem_of_sources(needed, why) or self._problem_of_knee()
         if first or not has_two_compartments(self):
             return first
@@ -341,24 +340,28 @@ class Parameters(NodeSection):
         return lateral and LATERAL_PREFIX + lateral
 
     def _problem_of_knee(self) -> str:
-        femur, tibia, contact, translation = self.femur, self.tibia, self.contact, self.translation
+        """Return the first combination of this knee's values that is not allowed; empty if there is none."""
+        femur, tibia = self.femur, self.tibia
+        contact, translation = self.contact, self.translation
         material = contact.stiffness_from == "material"
         bones = (("femur", femur), ("tibia", tibia))
+        no_profiles = [
+            (
+                bone.geometry == "profile" and not bone.profile,
+                f"{name}.profile is empty; {name}.geometry profile needs the name of a CSV file",
+            )
+            for name, bone in bones
+        ]
+        scaled = [
+            (
+                bone.geometry != "profile" and bone.scale != 1.0,
+                f"{name}.scale: {bone.scale:g} is not allowed; only {name}.geometry profile is scaled",
+            )
+            for name, bone in bones
+        ]
         rules = (
-            *(
-                (
-                    bone.geometry == "profile" and not bone.profile,
-                    f"{name}.profile is empty; {name}.geometry profile needs the name of a CSV file",
-                )
-                for name, bone in bones
-            ),
-            *(
-                (
-                    bone.geometry != "profile" and bone.scale != 1.0,
-                    f"{name}.scale: {bone.scale:g} is not allowed; only {name}.geometry profile is scaled",
-                )
-                for name, bone in bones
-            ),
+            *no_profiles,
+            *scaled,
             (
                 tibia.geometry != "plane" and tibia.slope != 0.0,
                 f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope",

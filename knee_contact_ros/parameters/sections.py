@@ -31,7 +31,7 @@ class AllowedValues(AfterValidator):
 
 
 def allowed_if(allows: Callable[[Any], bool], words: str) -> AllowedValues:
-    """Rule that allows some values, described by `words`."""
+    """Return a rule that allows some values, described by `words`."""
 
     def check(value: Any) -> Any:
         if not allows(value):
@@ -42,12 +42,12 @@ def allowed_if(allows: Callable[[Any], bool], words: str) -> AllowedValues:
 
 
 def one_of(*allowed: str | float) -> AllowedValues:
-    """Rule that allows these values only."""
+    """Return a rule that allows these values only."""
     return allowed_if(allowed.__contains__, ", ".join(map(str, allowed)))
 
 
 def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> AllowedValues:
-    """Rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
+    """Return a rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
     return allowed_if(
         lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}"
     )
@@ -72,24 +72,24 @@ class Declaration(NamedTuple):
 
 
 def declaration_of(field: FieldInfo) -> Declaration:
-    """Declaration of a parameter: its limits are the rules in its annotation."""
-    least, most, words = -math.inf, math.inf, []
-    for allowed_if in field.metadata:
-        if isinstance(allowed_if, AllowedValues):
-            words.append(allowed_if.words)
-        least, most = (
-            getattr(allowed_if, "ge", least),
-            getattr(allowed_if, "le", most),
-        )  # the rules of annotated_types
-        if hasattr(allowed_if, "gt"):
-            least = allowed_if.gt
+    """Return the declaration of a parameter: its limits are the rules in its annotation."""
+    least = -math.inf
+    most = math.inf
+    words = []
+    for limit in field.metadata:
+        if isinstance(limit, AllowedValues):
+            words.append(limit.words)
+        # Pydantic keeps the others as Ge, Le, Gt and Lt of `annotated_types`.
+        least = getattr(limit, "ge", least)
+        most = getattr(limit, "le", most)
+        if hasattr(limit, "gt"):
+            least = limit.gt
             words.append(f"> {least:g}")
-        if hasattr(allowed_if, "lt"):
-            most = allowed_if.lt
+        if hasattr(limit, "lt"):
+            most = limit.lt
             words.append(f"< {most:g}")
-    return Declaration(
-        field.default, " ".join((field.description or "").split()), least, most, "; ".join(words)
-    )
+    description = " ".join((field.description or "").split())
+    return Declaration(field.default, description, least, most, "; ".join(words))
 
 
 class Section(BaseModel):
@@ -136,14 +136,14 @@ class NodeSection(Section):
         return ""
 
     def inputs(self) -> tuple[TopicSource, TopicSource]:
-        """Sources of the angles and of the forces."""
+        """Return the sources of the angles and of the forces."""
         section, _, name = self.force_source.partition(".")
         angles: str = self.knee.source  # type: ignore[attr-defined]  # every node has a knee
         forces: str = getattr(getattr(self, section), name)
         return source_of(angles, JOINT_STATE), source_of(forces, WRENCH_STAMPED)
 
     def joints(self) -> dict[str, str]:
-        """Names of the joints that the node needs, by the parameters that give them."""
+        """Return the names of the joints that the node needs, by the parameters that give them."""
         raise NotImplementedError
 
 

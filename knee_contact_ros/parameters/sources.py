@@ -8,7 +8,10 @@ from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
-JOINT_STATE, WRENCH_STAMPED = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+"""Type of messages of angles"""
+WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
+"""Type of messages of forces"""
 FIELD_UNITS = {
     JOINT_STATE: {
         "rad": 1.0,
@@ -28,11 +31,10 @@ FIELD_UNITS = {
     },
 }
 """Factors from the unit of a field to rad, m, N or N m, by the type to which an input is converted"""
-DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = (
-    "dynamic_joint_states",
-    "control_msgs/msg/DynamicJointState",
-)
-"""Joint states of ros2_control: name of the topic, and its type"""
+DYNAMIC_JOINT_STATES = "dynamic_joint_states"
+"""Topic of the joint states of ros2_control"""
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+"""Type of its messages"""
 ON_ARRIVAL = "on arrival"
 """Words after a source whose messages have no stamp, or a wrong one; they get the time of their arrival"""
 SOURCE_FORM = (
@@ -70,7 +72,7 @@ class TopicSource(NamedTuple):
 
 @cache
 def source_of(text: str, own_type: str) -> TopicSource:
-    """Source that a text describes; without a type its messages are of the input's `own_type`.
+    """Return the source that a text describes; without a type its messages are of the input's `own_type`.
 
     Raises:
         ValueError: the text does not describe a source, or its unit does not fit angles or forces.
@@ -80,20 +82,21 @@ def source_of(text: str, own_type: str) -> TopicSource:
         raise ValueError(f"allowed: {SOURCE_FORM}")
     topic, kind, fields, arrival = match.groups()
     if not kind:
-        is_dynamic = own_type == JOINT_STATE and topic.rsplit("/", 1)[-1] == DYNAMIC_JOINT_STATES
-        return TopicSource(
-            topic, DYNAMIC_JOINT_STATE if is_dynamic else own_type, (), bool(arrival)
-        )
-    package, name = kind.split("/")[0], kind.split("/")[-1]
-    return TopicSource(
-        topic,
-        f"{package}/msg/{name}",
-        tuple(_field(each, FIELD_UNITS[own_type]) for each in fields.split(",")),
-        bool(arrival),
-    )
+        dynamic = own_type == JOINT_STATE and topic.rsplit("/", 1)[-1] == DYNAMIC_JOINT_STATES
+        kind = DYNAMIC_JOINT_STATE if dynamic else own_type
+        return TopicSource(topic, kind, (), bool(arrival))
+    # The type may be given as pkg/Type or pkg/msg/Type.
+    package, *_, name = kind.split("/")
+    numbers = tuple(_number(each, FIELD_UNITS[own_type]) for each in fields.split(","))
+    return TopicSource(topic, f"{package}/msg/{name}", numbers, bool(arrival))
 
 
-def _field(text: str, units: Mapping[str, float]) -> MessageNumber:
+def _number(text: str, units: Mapping[str, float]) -> MessageNumber:
+    """Return the number in messages that a text `[+-]PATH [UNIT]` describes.
+
+    Raises:
+        ValueError: it has another form, or the unit is neither one of `units` nor a factor.
+    """
     match = _FIELD.fullmatch(text.strip())
     if not match:
         raise ValueError(f"{text.strip()!r} is not a field; allowed: {SOURCE_FORM}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import FLAT, ROW, WRENCH_BYTES, Floats, Rows, Stamps
 from knee_contact_ros.parameters.build import build_model, retuned
-from knee_contact_ros.parameters.files import lateral_texts
+from knee_contact_ros.parameters.curves import lateral_texts
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, is_lateral
 from knee_contact_ros.streams.watch import doubts_about

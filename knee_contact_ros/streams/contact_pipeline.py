@@ -17,7 +17,7 @@ from knee_contact_ros.model.knee import (
 )
 from knee_contact_ros.model.types import MESSAGE_BYTES, ROW, Status
 from knee_contact_ros.parameters.build import load_rule, retuned
-from knee_contact_ros.parameters.files import curve_texts
+from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import KneeSection, Parameters, lateral_knee
 from knee_contact_ros.streams.compartments import compartments_of, half_spacing, summed_wrench
 from knee_contact_ros.streams.frames import ForceFrame

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares, lsq_linear
 
 from knee_contact_ros.joint_reaction.compartments import ShareTable
-from knee_contact_ros.parameters.files import SHARE_COLUMNS
+from knee_contact_ros.parameters.curves import SHARE_COLUMNS
 
 Floats = NDArray[np.float64]
 FLEXION = (-10.0, 0.0, 10.0, 20.0, 40.0, 70.0, 100.0, 130.0)

@@ -17,9 +17,8 @@ import knee_contact_ros
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
+from knee_contact_ros.parameters.curves import MAX_CURVE_POINTS, MAX_CURVE_SIZE
 from knee_contact_ros.parameters.files import (
-    _MAX_POINTS,
-    _MAX_SIZE,
     check_file,
     flat_parameters,
     load_parameters,
@@ -503,11 +502,11 @@ def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(
         with pytest.raises(UsageError, match=f"parameter {parameter}: cannot read"):
             knee_contact_ros.load_model(naming(NAMED[parameter], no_file))
     path = tmp_path / "curve.csv"
-    path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(_MAX_POINTS + 1)))
-    words = f"parameter {parameter}: .* has {_MAX_POINTS + 1} points; at most {_MAX_POINTS} are allowed"
+    path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(MAX_CURVE_POINTS + 1)))
+    words = f"parameter {parameter}: .* has {MAX_CURVE_POINTS + 1} points; at most {MAX_CURVE_POINTS} are allowed"
     with pytest.raises(UsageError, match=words):
         knee_contact_ros.load_model(naming(NAMED[parameter], path))
-    path.write_text("#" * (_MAX_SIZE + 1))
+    path.write_text("#" * (MAX_CURVE_SIZE + 1))
     with pytest.raises(UsageError, match="longer than"):
         knee_contact_ros.load_model(naming(NAMED[parameter], path))
 

@@ -16,7 +16,8 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.build import load_rule
-from knee_contact_ros.parameters.files import curve_texts, load_parameters, read_share_table
+from knee_contact_ros.parameters.curves import curve_texts, read_share_table
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import load_sample
 from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
 from knee_contact_ros.system.errors import UsageError

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
-from knee_contact_ros.parameters.files import read_share_table
+from knee_contact_ros.parameters.curves import read_share_table
 from studies.validation.shares import (
     Curve,
     Trial,

@@ -30,7 +30,8 @@ from knee_contact_ros.bags.provenance import (
     provenance_record,
 )
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
-from knee_contact_ros.parameters.files import curve_texts, load_parameters
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port

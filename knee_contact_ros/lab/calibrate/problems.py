@@ -34,12 +34,8 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import UNUSABLE, Floats, Status
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.build import build_model, contact_pair, retuned
-from knee_contact_ros.parameters.files import (
-    curve_texts,
-    flat_parameters,
-    known_parameters,
-    load_parameters,
-)
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.files import flat_parameters, known_parameters, load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results
