@@ -133,9 +133,9 @@ def import_opensim(**options: Any) -> None:
     clear, it says which option decides. The reaction must act on the tibia and be expressed in its frame. A left knee
     is mirrored to a right one.
     """
-    from knee_contact_ros.lab.opensim import import_opensim as import_all
+    from knee_contact_ros.lab.opensim import run_import_opensim
 
-    import_all(**options)
+    run_import_opensim(**options)
 
 
 @click.command("import-csv")
@@ -150,9 +150,9 @@ def import_csv(**options: Any) -> None:
     that has its columns. MAP.yaml says which column is what, and its unit. Values that no knee can have are refused in
     one line.
     """
-    from knee_contact_ros.lab.sensors import import_csv as import_files
+    from knee_contact_ros.lab.sensors import run_import_csv
 
-    import_files(**options)
+    run_import_csv(**options)
 
 
 @click.command()

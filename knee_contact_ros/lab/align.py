@@ -21,8 +21,8 @@ from scipy.stats import t as student
 
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.sensors import AngleChannel, read_channels, read_map
-from knee_contact_ros.lab.tables import Series
-from knee_contact_ros.lab.units import ANGLE, unit_factor
+from knee_contact_ros.lab.tables import TimeSeries
+from knee_contact_ros.lab.units import unit_factor
 from knee_contact_ros.model.types import Floats, Indices
 from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
@@ -119,7 +119,7 @@ def align(
 class Pair:
     """Rows of a sensor, and a cubic spline through those of the reference."""
 
-    def __init__(self, sensor: Series, reference: Series, max_gap: float) -> None:
+    def __init__(self, sensor: TimeSeries, reference: TimeSeries, max_gap: float) -> None:
         """Both must share a clock; `rows` skips rows in gaps of the reference longer than `max_gap` [s]."""
         self.times, self._known = (
             (each.stamps - reference.stamps[0]) / NANOSECONDS for each in (sensor, reference)
@@ -178,7 +178,9 @@ class Pair:
         )
 
 
-def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -> Alignment:
+def aligned(
+    sensor: TimeSeries, reference: TimeSeries, longest: float, max_gap: float
+) -> Alignment:
     """Align a sensor with a reference; lags from -`longest` to `longest` [s] are tried.
 
     Raises:
@@ -245,7 +247,7 @@ def overlay(alignment: Alignment, sensor: str, reference: str, angle: AngleChann
 def _for_node(angle: AngleChannel, offset: float) -> list[str]:
     """Sentence on a live node, which has the raw sensor, and of the map neither sign, offset [rad] nor scale."""
     factors = [angle.orientation * angle.scale * weight for weight in angle.weights.values()]
-    offset += angle.offset * unit_factor(angle.unit, ANGLE, "map: angle")
+    offset += angle.offset * unit_factor(angle.unit, "angle", "map: angle")
     if [*map(abs, factors)] != [1.0]:
         return [
             "The map scales the angle: do not use this file for a live node, which has the raw sensor."

@@ -20,10 +20,9 @@ from knee_contact_ros.joint_reaction.estimator import (
     STIFF,
     weight_doubt,
 )
-from knee_contact_ros.lab.tables import Series, Table
+from knee_contact_ros.lab.tables import Table, TimeSeries
 from knee_contact_ros.lab.units import (
     BODY_WEIGHTS,
-    FORCE,
     PERCENT_BODY_WEIGHT,
     TYPICAL_BODY_WEIGHT,
     unit_factor,
@@ -64,7 +63,7 @@ _LOAD_PEAKS = (LEAST_PEAK, MOST_PEAK)
 """Limits of the peak load [BW]"""
 _USUAL_LOAD_PEAKS = (1.5, 4.0)
 """The narrower range [BW] of a peak load by which the right unit is guessed"""
-OF_GROUND = (0.4, 5.0), (0.9, 1.6)
+GROUND_PEAKS = (0.4, 5.0), (0.9, 1.6)
 """The same two ranges for the ground's force on a foot"""
 _LARGEST_MOMENT = 0.12
 """Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates"""
@@ -78,7 +77,7 @@ _LEAST_HEADING = 0.7
 """Smallest mean x component of the pelvis's forward direction: within about 45 degrees of x"""
 
 
-def unit_of(table: Table, column: str, requested: str) -> str:
+def angle_unit_of(table: Table, column: str, requested: str) -> str:
     """Return the unit of an angle's column, `deg` or `rad`: the requested one, or the header's if the values fit it.
 
     Raises:
@@ -101,7 +100,7 @@ def unit_of(table: Table, column: str, requested: str) -> str:
     return likely
 
 
-def sign_of(
+def flexion_sign_of(
     angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None
 ) -> int:
     """Return the sign that makes an angle [rad] positive in flexion, 1 or -1.
@@ -200,7 +199,9 @@ def check_heading(forward: Floats, path: Path) -> None:
     refuse_outside(path, what, ahead, "", (_LEAST_HEADING, 1.0), cure)
 
 
-def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True) -> list[str]:
+def impossible(
+    angle: TimeSeries, load: TimeSeries | None = None, *, mapped: bool = True
+) -> list[str]:
     """Return why these cannot be an angle and a load at all; empty if they can. OpenSim's are not `mapped`."""
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
@@ -224,13 +225,13 @@ def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True
     return sentences
 
 
-def doubts(
-    angle: Series,
-    load: Series | None,
+def gait_doubts(
+    angle: TimeSeries,
+    load: TimeSeries | None,
     unit: str | None,
     weight: float | None,
     max_gap: float,
-    moment: Series | None = None,
+    moment: TimeSeries | None = None,
     *,
     mapped: bool = True,
 ) -> list[str]:
@@ -287,25 +288,25 @@ def _rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
     return outside(where, "the number of rows a second", rate, "", _ROW_RATES, cure)
 
 
-def joint_doubts(series: Series) -> list[str]:
+def joint_doubts(series: TimeSeries) -> list[str]:
     """List what is likely a mistake of a joint's angle."""
     span = math.degrees(np.ptp(series.values))
     limits = (math.degrees(STIFF), math.inf)
     return outside(series.where, "the range of motion", span, "deg", limits, _joint_cure(series))
 
 
-def torque_doubts(series: Series) -> list[str]:
+def torque_doubts(series: TimeSeries) -> list[str]:
     """List what is likely a mistake of an actuator's torque."""
     most = float(np.abs(series.values).max())
     limits = (0.0, _LARGEST_TORQUE)
     return outside(series.where, "the largest torque", most, "N m", limits, _joint_cure(series))
 
 
-def _joint_cure(series: Series) -> str:
+def _joint_cure(series: TimeSeries) -> str:
     return f"is {series.name}.unit right, and is it this joint's?"
 
 
-def unusual(load: Series, weight: float | None) -> list[str]:
+def unusual(load: TimeSeries, weight: float | None) -> list[str]:
     """List what may be a mistake if no body weight [N] is given to judge the load by."""
     if weight:
         return []
@@ -314,7 +315,7 @@ def unusual(load: Series, weight: float | None) -> list[str]:
     return outside(load.where, "the peak", peak, "N", _USUAL_PEAKS, cure)
 
 
-def _spike_doubts(load: Series, weight: float) -> list[str]:
+def _spike_doubts(load: TimeSeries, weight: float) -> list[str]:
     """Doubt about rows that are far above both neighbours."""
     inner = load.values[1:-1]
     beside = np.maximum(load.values[:-2], load.values[2:])
@@ -328,7 +329,7 @@ def _spike_doubts(load: Series, weight: float) -> list[str]:
 
 
 def peak_doubts(
-    load: Series,
+    load: TimeSeries,
     unit: str | None,
     weight: float | None,
     limits: Limits = _LOAD_PEAKS,
@@ -348,9 +349,9 @@ def peak_doubts(
         in_newtons = (limits[0] * LIGHTEST, limits[1] * _LARGEST_BODY_WEIGHT)
         return outside(load.where, "the peak", peak, "N", in_newtons, cure)
     if unit is not None:
-        in_unit = peak / unit_factor(unit, FORCE, "load", weight)
+        in_unit = peak / unit_factor(unit, "force", "load", weight)
         for other in (PERCENT_BODY_WEIGHT, BODY_WEIGHTS, "kN", "kgf", "N", "lbf"):
-            body_weights = in_unit * unit_factor(other, FORCE, "load", weight) / weight
+            body_weights = in_unit * unit_factor(other, "force", "load", weight) / weight
             if usual[0] <= body_weights <= usual[1]:
                 cure = f"is {load.name}.unit {unit} right? In {other} it would be {body_weights:.2g} body weights"
     what = f"the peak of {peak:.4g} N"

@@ -371,7 +371,7 @@ def _show(gait: Gait, bag: Path) -> None:
     say(f"Bag: {bag}", hang=2)
 
 
-def check_output(folder: Path, overwrite: bool) -> None:
+def check_bag_output(folder: Path, overwrite: bool) -> None:
     """Refuse an output folder that exists, unless it is a bag and may be replaced, and a file's name.
 
     Raises:

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from knee_contact_ros.lab.cells import is_number
-from knee_contact_ros.lab.units import TIME, ColumnName
+from knee_contact_ros.lab.units import ColumnName
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.sections import Section, one_of
 from knee_contact_ros.system.errors import UsageError, list_names, suggest
@@ -186,8 +186,8 @@ def storage_header(path: Path) -> Header:
     rows = [lines[n] for n in below[first:]]
     delimiter = _delimiter_of(lines[place], "\t;,")
     names = _cells(lines[place], delimiter)
-    if names[0].lower() != TIME:
-        raise UsageError(f"{path}: its first column is {names[0]}, and must be {TIME}")
+    if names[0].lower() != "time":
+        raise UsageError(f"{path}: its first column is {names[0]}, and must be time")
     comma = not any("." in row for row in rows) and any(map(_DECIMAL_COMMA.match, rows))
     return Header(
         path,
@@ -225,7 +225,7 @@ def _c3d_header(path: Path) -> Header:
     ]
     stems = [label.rpartition(":")[2] for label in labels[: points.shape[1]]]
     names = [f"{stem}.{axis}" for stem in stems for axis in "XYZ"]
-    return Header(path, (TIME, *names, *channels[: len(analogs)]), data=np.column_stack(columns))
+    return Header(path, ("time", *names, *channels[: len(analogs)]), data=np.column_stack(columns))
 
 
 def _text_header(path: Path, wanted: Collection[ColumnName], table_format: TableFormat) -> Header:

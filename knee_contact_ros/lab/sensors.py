@@ -14,12 +14,10 @@ from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.cells import DAY
 from knee_contact_ros.lab.gait_bag import Gait, Signal
 from knee_contact_ros.lab.headers import Header, TableFormat, header_of
-from knee_contact_ros.lab.tables import Series, Table, TimeColumn, read_columns
+from knee_contact_ros.lab.tables import Table, TimeColumn, TimeSeries, read_columns
 from knee_contact_ros.lab.units import (
-    ANGLE,
-    FORCE,
-    MOMENT,
     ColumnName,
+    Dimension,
     check_unit,
     unit_factor,
     unit_name,
@@ -53,7 +51,7 @@ _IMPORTED = (
 )
 
 
-class Channel(Section):
+class MapChannel(Section):
     """A column, or a weighted sum of columns, of one file."""
 
     column: ColumnName | None = Field(None, description="name, or place from 1")
@@ -71,7 +69,7 @@ class Channel(Section):
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> Channel:
+    def _one_way(self) -> MapChannel:
         if (self.column is None) == (self.columns is None):
             raise ValueError("allowed: either column or columns")
         if self.scale == 0.0 or not any(self.weights.values()):
@@ -89,7 +87,7 @@ class Channel(Section):
         return 1.0
 
 
-class SignedChannel(Channel):
+class SignedChannel(MapChannel):
     """Angle of a joint, torque of its actuator, or a component of the ground's wrench."""
 
     sign: Annotated[float, one_of(1.0, -1.0)] = Field(
@@ -108,7 +106,7 @@ class AngleChannel(SignedChannel):
     joint: str = Field(gait_bag.JOINT, min_length=1, description="name in joint_states")
 
 
-class LoadChannel(Channel):
+class LoadChannel(MapChannel):
     """Axial load of the knee: the force that the femur exerts on the tibia, along the tibia."""
 
     direction: Annotated[str, one_of("compression", "tension")] = Field(
@@ -144,7 +142,7 @@ class SensorMap(Section):
         None, description="the angle that align compares `angle` with"
     )
     load: LoadChannel | None = None
-    moment: Channel | None = Field(
+    moment: MapChannel | None = Field(
         None,
         description="frontal moment about the middle of the plateau; > 0 loads the lateral compartment more",
     )
@@ -191,7 +189,7 @@ class SensorMap(Section):
         return self
 
 
-def import_csv(
+def run_import_csv(
     files: Sequence[Path], maps: Sequence[Path], output: Path, overwrite: bool, anyway: bool
 ) -> None:
     """Import files into the bag `output` by maps, later ones overriding earlier ones, and print a summary.
@@ -205,7 +203,7 @@ def import_csv(
         raise UsageError(
             f"map {maps[-1]}: load: is missing, or ground_force: for estimate-load; only align needs none"
         )
-    gait_bag.check_output(output, overwrite)
+    gait_bag.check_bag_output(output, overwrite)
     channels = read_channels(files, sensors, _IMPORTED)
     doubts = _check_channels(channels, sensors, anyway)
     gait = _gait_of(channels, sensors)._replace(doubts=doubts)
@@ -215,7 +213,9 @@ def import_csv(
         gait_bag.store({output: gait}, "CSV", used, record, work)
 
 
-def _check_channels(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list[str]:
+def _check_channels(
+    channels: dict[str, TimeSeries], sensors: SensorMap, anyway: bool
+) -> list[str]:
     """List what may be a mistake.
 
     Raises:
@@ -229,7 +229,7 @@ def _check_channels(channels: dict[str, Series], sensors: SensorMap, anyway: boo
             checks.refuse(checks.impossible(channels[name], load))
     unit = sensors.load.unit if sensors.load else None
     doubts = list(dict.fromkeys(doubt for series in channels.values() for doubt in series.doubts))
-    doubts += checks.doubts(
+    doubts += checks.gait_doubts(
         channels["angle"], load, unit, weight, sensors.max_gap, channels.get("moment")
     )
     for name, series in channels.items():
@@ -239,7 +239,9 @@ def _check_channels(channels: dict[str, Series], sensors: SensorMap, anyway: boo
             doubts += checks.torque_doubts(series)
     if ground and sensors.ground_force:
         checks.check_upright(ground.values, ground.where)
-        doubts += checks.peak_doubts(ground, sensors.ground_force.unit, weight, *checks.OF_GROUND)
+        doubts += checks.peak_doubts(
+            ground, sensors.ground_force.unit, weight, *checks.GROUND_PEAKS
+        )
     checks.refuse(doubts, anyway)
     return doubts + (checks.unusual(load, weight) if load else [])
 
@@ -276,17 +278,17 @@ def _suggestion(error: ValidationError) -> str:
 
 def read_channels(
     files: Sequence[Path], sensors: SensorMap, wanted: Sequence[str]
-) -> dict[str, Series]:
+) -> dict[str, TimeSeries]:
     """Read the channels that are `wanted` and in the map; return them by name.
 
     Raises:
         UsageError: a unit is wrong, a file cannot be read, or a column is missing, in several files, or not numeric.
     """
-    channels: dict[str, Channel] = {
+    channels: dict[str, MapChannel] = {
         name: each for name in wanted if (each := getattr(sensors, name, None)) is not None
     }
     factors = {
-        name: unit_factor(each.unit, _quantity(name), f"map: {name}", sensors.body_weight)
+        name: unit_factor(each.unit, _dimension(name), f"map: {name}", sensors.body_weight)
         for name, each in channels.items()
     }
     columns = [column for each in channels.values() for column in each.weights]
@@ -334,14 +336,14 @@ def _on_one_clock(read: dict[Path, Table], offset: int) -> dict[Path, Table]:
     return {path: table._replace(stamps=stamps[path] + shift) for path, table in read.items()}
 
 
-def _quantity(name: str) -> str:
-    """Return the quantity of a channel."""
+def _dimension(name: str) -> Dimension:
+    """Return the dimension of a channel."""
     if name in {*_JOINT_CHANNELS, "reference"}:
-        return ANGLE
-    return MOMENT if name == "moment" or "torque" in name or "assistance" in name else FORCE
+        return "angle"
+    return "moment" if name == "moment" or "torque" in name or "assistance" in name else "force"
 
 
-def _file_of(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
+def _file_of(channel: MapChannel, name: str, headers: dict[Path, Header]) -> Path:
     """Find the one file that has a channel's columns, by their names."""
     named = {
         path: header
@@ -371,9 +373,11 @@ def _file_of(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
     return homes[0]
 
 
-def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
+def _series(
+    name: str, channel: MapChannel, table: Table, to_si: float, leave_out: bool
+) -> TimeSeries:
     """Sum the columns of a channel, in SI units and our sign; `leave_out` drops rows without a number."""
-    if _quantity(name) == ANGLE and table.degrees is not None:
+    if _dimension(name) == "angle" and table.degrees is not None:
         stated, entry = ("deg", "yes") if table.degrees else ("rad", "no")
         if unit_name(channel.unit) in {"deg", "rad"} - {stated}:
             raise UsageError(
@@ -421,10 +425,12 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
     stamps = table.stamps[complete]
-    return Series(name, table.path, " + ".join(terms), stamps, values, tuple(notes), table.doubts)
+    return TimeSeries(
+        name, table.path, " + ".join(terms), stamps, values, tuple(notes), table.doubts
+    )
 
 
-def _gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
+def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
     """Combine angles, reactions and ground forces over the time that all channels cover.
 
     Raises:
@@ -464,7 +470,11 @@ def _gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
 
 
 def _wrench(
-    channels: dict[str, Series], parts: Sequence[str], main: str, unknown: float, max_gap: float
+    channels: dict[str, TimeSeries],
+    parts: Sequence[str],
+    main: str,
+    unknown: float,
+    max_gap: float,
 ) -> Signal:
     """Make a wrench from the channels `parts` at the stamps of channel `main`; missing channels become `unknown`.
 
@@ -486,5 +496,5 @@ def _wrench(
     return Signal(stamps, np.hstack(columns))
 
 
-def _signal(series: Series) -> Signal:
+def _signal(series: TimeSeries) -> Signal:
     return Signal(series.stamps, series.values[:, None])

@@ -30,7 +30,7 @@ from knee_contact_ros.lab.headers import (
     storage_header,
     unreadable,
 )
-from knee_contact_ros.lab.units import TIME, ColumnName, check_unit, unit_factor
+from knee_contact_ros.lab.units import ColumnName, check_unit, unit_factor
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -112,7 +112,7 @@ class Table(NamedTuple):
         return f"{self.stamps[row] / NANOSECONDS:g}"
 
 
-class Series(NamedTuple):
+class TimeSeries(NamedTuple):
     """Quantity over time, in SI units and the package's signs."""
 
     name: str
@@ -170,7 +170,7 @@ def read_columns(
     path = header.path
     # Storage and C3D files have times in seconds, whatever the map says.
     in_seconds = header.entries is not None or header.data is not None
-    time_columns: list[ColumnName] = [TIME] if in_seconds else time.places
+    time_columns: list[ColumnName] = ["time"] if in_seconds else time.places
     names = [*time_columns, *wanted]
     places = [header.place(name) for name in names]
     numbers, below, day = read_numbers(header, places, table_format, len(time_columns))
@@ -191,7 +191,7 @@ def read_columns(
             times = times * (1.0 / time.rate)
             day = ""
         else:
-            times = times * unit_factor(time.unit, TIME, "time")
+            times = times * unit_factor(time.unit, "time", "time")
             stated = units[time.column]
             notes = check_unit(path, time.column, stated, time.unit, "time.unit")
     column = time_columns[0] if time_columns else time.column
@@ -219,7 +219,7 @@ def read_storage(path: Path) -> Table:
     """
     header = storage_header(path)
     numbers, _, _ = read_numbers(header, range(len(header.names)), TableFormat(), strict=False)
-    return _over_time(header, header.names[1:], TIME, numbers[:, 0], numbers[:, 1:])
+    return _over_time(header, header.names[1:], "time", numbers[:, 0], numbers[:, 1:])
 
 
 def repaired(path: Path) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Literal
 
 from scipy import constants
 
@@ -14,19 +15,16 @@ from knee_contact_ros.system.errors import UsageError
 ColumnName = str | int
 """Name of a column, or its place from 1"""
 
-TIME = "time"
-ANGLE = "angle"
-FORCE = "force"
-MOMENT = "moment"
-LENGTH = "length"
+Dimension = Literal["time", "angle", "force", "moment", "length"]
+"""What a unit measures"""
 BODY_WEIGHTS = "BW"
 """Unit of force that needs the map's `body_weight`"""
 PERCENT_BODY_WEIGHT = "%BW"
 """The same in percent"""
-UNIT_FACTORS: dict[str, dict[str, float]] = {
-    TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    ANGLE: {"rad": 1.0, "deg": constants.degree, "mrad": 1e-3, "rev": 2.0 * math.pi},
-    FORCE: {
+UNIT_FACTORS: dict[Dimension, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "angle": {"rad": 1.0, "deg": constants.degree, "mrad": 1e-3, "rev": 2.0 * math.pi},
+    "force": {
         "N": 1.0,
         "kN": 1e3,
         "mN": 1e-3,
@@ -35,16 +33,16 @@ UNIT_FACTORS: dict[str, dict[str, float]] = {
         BODY_WEIGHTS: 1.0,
         PERCENT_BODY_WEIGHT: 0.01,
     },
-    MOMENT: {
+    "moment": {
         "N*m": 1.0,
         "N*mm": 1e-3,
         "kN*m": 1e3,
         "lbf*in": constants.lbf * constants.inch,
         "lbf*ft": constants.lbf * constants.foot,
     },
-    LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
 }
-"""Factors of units to s, rad, N (or body weights), N m and m, by quantity"""
+"""Factors of units to s, rad, N (or body weights), N m and m, by dimension"""
 _ALIASES = {
     **dict.fromkeys(("sec", "second", "seconds"), "s"),
     **dict.fromkeys(("µs", "μs"), "us"),
@@ -84,17 +82,19 @@ def unit_name(unit: str) -> str:
     return _UNIT_NAMES.get(re.sub(r"[\s.*·⋅-]", "", unit).lower(), unit)
 
 
-def unit_factor(unit: str, quantity: str, what: str, body_weight: float | None = None) -> float:
-    """Return the factor of a unit of a quantity to SI; `what` names the value in messages.
+def unit_factor(
+    unit: str, dimension: Dimension, what: str, body_weight: float | None = None
+) -> float:
+    """Return the factor of a unit of a dimension to SI; `what` names the value in messages.
 
     Raises:
-        UsageError: the unit is not one of this quantity, or needs the missing `body_weight` [N].
+        UsageError: the unit is not one of this dimension, or needs the missing `body_weight` [N].
     """
     name = unit_name(unit)
-    factors = UNIT_FACTORS[quantity]
+    factors = UNIT_FACTORS[dimension]
     if name not in factors:
         raise UsageError(
-            f"{what}: unit {unit!r} is not one of a {quantity}; allowed: {', '.join(factors)}"
+            f"{what}: unit {unit!r} is not one of a {dimension}; allowed: {', '.join(factors)}"
         )
     if name not in {BODY_WEIGHTS, PERCENT_BODY_WEIGHT}:
         return factors[name]
@@ -131,8 +131,8 @@ def check_unit(
         UsageError: the units contradict each other.
     """
     name = unit_name(stated.lstrip("_"))
-    quantity = next(kind for kind, units in UNIT_FACTORS.items() if unit_name(unit) in units)
-    known = name in UNIT_FACTORS[quantity]
+    dimension = next(kind for kind, units in UNIT_FACTORS.items() if unit_name(unit) in units)
+    known = name in UNIT_FACTORS[dimension]
     if not stated or NOT_A_NUMBER.fullmatch(stated) or name == unit_name(unit):
         return ()
     # The end of a column's name may be another word: _n the normal load, _m the medial one.
@@ -142,7 +142,7 @@ def check_unit(
     is_calibration = unconverted < _LARGEST_CALIBRATION
     if known:
         here, there = (
-            unit_factor(each, quantity, what, TYPICAL_BODY_WEIGHT) for each in (unit, name)
+            unit_factor(each, dimension, what, TYPICAL_BODY_WEIGHT) for each in (unit, name)
         )
         converted = abs(math.log(abs(multiplier) * here / there))
         contradicts = converted >= min(unconverted, _LARGEST_CALIBRATION)

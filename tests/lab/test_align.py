@@ -12,7 +12,7 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.align import Alignment, aligned
-from knee_contact_ros.lab.tables import Series
+from knee_contact_ros.lab.tables import TimeSeries
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -20,8 +20,8 @@ from knee_contact_ros.system.errors import UsageError
 from tests.lab.trials import DELAY, MAP, OFFSET, cells, flexion, write_csv, write_trial
 
 
-def series(time: Floats, degrees: Floats) -> Series:
-    return Series(
+def series(time: Floats, degrees: Floats) -> TimeSeries:
+    return TimeSeries(
         "angle", Path("a.csv"), "a", np.rint(1e9 * time).astype(np.int64), np.radians(degrees)
     )
 

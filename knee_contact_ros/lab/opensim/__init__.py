@@ -25,7 +25,7 @@ from knee_contact_ros.lab.opensim.results import (
     coordinate_of,
 )
 from knee_contact_ros.lab.opensim.setups import EXTERNAL_LOADS, data_file, plan
-from knee_contact_ros.lab.tables import Series, Table, read_storage
+from knee_contact_ros.lab.tables import Table, TimeSeries, read_storage
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import work_folder
@@ -46,7 +46,7 @@ class Files(NamedTuple):
     """File with the numbers of `ground`"""
 
 
-def import_opensim(
+def run_import_opensim(
     side: str,
     output: Path,
     overwrite: bool,
@@ -173,7 +173,7 @@ def _bags_by_side(
                 "--joint and --coordinate belong to one knee; give --side right or left with them"
             )
     for bag in bags.values():
-        gait_bag.check_output(bag, overwrite)
+        gait_bag.check_bag_output(bag, overwrite)
     return bags
 
 
@@ -191,7 +191,7 @@ def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> 
     kinematics = kinematics.needed([column], start, end)
     weight, bounds = results.read_model(files.model, coordinate) if files.model else (None, None)
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, bounds)
-    degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
+    degrees = checks.angle_unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reactions(reactions, side, settings.joint)
     needed = [each.column(axis) for each in chosen for axis in results.AXES]
     reactions = reactions.needed(needed, start, end)
@@ -223,11 +223,11 @@ def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> 
     flexion = angle.around(window)
     force = reaction.around(window)
     up = " + ".join(each.column("fy") for each in chosen)
-    load = Series("load", files.reactions, up, force.stamps, -force.values[:, 1])
-    knee = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
+    load = TimeSeries("load", files.reactions, up, force.stamps, -force.values[:, 1])
+    knee = TimeSeries("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
     checks.refuse(checks.impossible(knee, load, mapped=False))
     likely = [*kinematics.doubts, *reactions.doubts]
-    likely += checks.doubts(knee, load, None, weight, results.MAX_GAP, mapped=False)
+    likely += checks.gait_doubts(knee, load, None, weight, results.MAX_GAP, mapped=False)
     checks.refuse(likely, settings.anyway)
     rate, gap = settings.rate, results.MAX_GAP
     gait = gait_bag.sampled(side, joints, wrenches, rate=rate, max_gap=gap, start=start, end=end)

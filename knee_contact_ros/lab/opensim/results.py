@@ -281,9 +281,9 @@ def read_angles(
         raise UsageError(
             f"{table.path} has {len(table.stamps)} row, but an angle over time needs two"
         )
-    degrees = checks.unit_of(table, column, settings.angle_unit) == "deg"
+    degrees = checks.angle_unit_of(table, column, settings.angle_unit) == "deg"
     angle = table.column(column) * (math.radians(1.0) if degrees else 1.0)
-    sign = checks.sign_of(angle, f"{table.path}: {column}", settings.angle_sign, bounds)
+    sign = checks.flexion_sign_of(angle, f"{table.path}: {column}", settings.angle_sign, bounds)
     signal = Signal(table.stamps, sign * angle[:, None])
     turned = "sign turned (flexion was negative)" if sign < 0 else "flexion positive as it was"
     notes = [f"angle: {'degrees to rad' if degrees else 'rad'}, {turned}"]

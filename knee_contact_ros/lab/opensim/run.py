@@ -19,7 +19,7 @@ from knee_contact_ros.lab.opensim.setups import (
     STATIC,
     TOOLS,
     Setup,
-    absolute,
+    absolute_path,
     dynamics_setup,
     reactions_setup,
     static_setup,
@@ -71,7 +71,8 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
     """
     _copy_folder(folder, work)
     own = [
-        setup._replace(path=work / absolute(setup.path).relative_to(folder)) for setup in setups
+        setup._replace(path=work / absolute_path(setup.path).relative_to(folder))
+        for setup in setups
     ]
     seconds: dict[str, float] = {}
 

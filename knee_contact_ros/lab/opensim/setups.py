@@ -186,14 +186,14 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
 
 def _common_folder(setups: Sequence[Setup]) -> Path:
     """Find the folder that contains the set-up files and all files that they name, as an absolute path."""
-    places = [absolute(setup.folder) for setup in setups]
+    places = [absolute_path(setup.folder) for setup in setups]
     for setup in setups:
         for name in setup.needs():
             if name.startswith("/") or "\\" in name:
                 raise UsageError(
                     f"{setup.path} names {name}; write file names relative to its folder, with /"
                 )
-            places.append(absolute(setup.folder / name).parent)
+            places.append(absolute_path(setup.folder / name).parent)
     folder = Path(os.path.commonpath(places))
     if folder in {Path(folder.anchor), Path.home()}:
         raise UsageError(
@@ -216,7 +216,7 @@ def read_setup(path: Path) -> Setup | None:
     return None
 
 
-def absolute(path: Path) -> Path:
+def absolute_path(path: Path) -> Path:
     """Return the absolute path without dots; symbolic links are kept, which may lead out of the folder."""
     return Path(os.path.abspath(path))  # noqa: PTH100
 

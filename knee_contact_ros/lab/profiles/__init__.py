@@ -15,7 +15,14 @@ import numpy as np
 
 from knee_contact_ros.lab.checks import refuse_outside
 from knee_contact_ros.lab.profiles.chart import circle
-from knee_contact_ros.lab.profiles.fit import GAIT_NORMALS, SLAB, TOLERANCE, Fit, concave, fit
+from knee_contact_ros.lab.profiles.fit import (
+    GAIT_NORMALS,
+    SLAB,
+    TOLERANCE,
+    ProfileFit,
+    concave,
+    fit,
+)
 from knee_contact_ros.lab.profiles.slices import contact_centre
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.types import MM, Floats
@@ -118,7 +125,7 @@ def _slice_place(options: ProfileOptions, surface: Surface) -> float:
     return place[0]
 
 
-def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
+def _origin(found: ProfileFit, text: str | None, mesh: Path) -> Floats:
     """Return the origin of the profile in the mesh's axes [m], shape (2,).
 
     An origin outside the knee is refused, such as a mesh's origin at the hip or in the scanner: a femur rotates about
@@ -167,7 +174,7 @@ def _metres(text: str) -> list[float]:
         return [math.nan]
 
 
-def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
+def _report(found: ProfileFit, name: str, origin: Floats) -> list[tuple[str, str]]:
     """Return labels and texts of the report; `name` is the mesh's, `origin` the profile's origin [m], shape (2,)."""
     smoothed = found.smoothed
     place = f"slice at z = {MM * found.z:g} mm, {len(smoothed.points)} points"
@@ -200,7 +207,7 @@ def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
     return [*rows, *(("note", remark) for remark in found.remarks)]
 
 
-def _curvature(found: Fit) -> str:
+def _curvature(found: ProfileFit) -> str:
     """Describe the curvature of the profile in a line."""
     shape = found.shape
     if not found.femur:
@@ -215,16 +222,16 @@ def _curvature(found: Fit) -> str:
     return f"convex everywhere; {radii}; normals from {begin:.0f}° to {end:.0f}°"
 
 
-def _side(found: Fit) -> str:
+def _side(found: ProfileFit) -> str:
     return "femur" if found.femur else "tibia"
 
 
-def _distance(found: Fit) -> str:
+def _distance(found: ProfileFit) -> str:
     smoothed = found.smoothed
     return f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.3f} mm at most"
 
 
-def _tolerance(found: Fit) -> str:
+def _tolerance(found: ProfileFit) -> str:
     """Describe the tolerance, the roughness and the resulting deviation in a line."""
     rough = found.smoothed.roughness
     allowed = MM * math.hypot(rough, found.tolerance)
@@ -235,7 +242,7 @@ def _tolerance(found: Fit) -> str:
     )
 
 
-def _csv(found: Fit, name: str, points: Floats) -> str:
+def _csv(found: ProfileFit, name: str, points: Floats) -> str:
     """Write a profile as CSV text for `femur.profile` or `tibia.profile`; `points`, shape (n, 2) [m], are its own."""
     header = [
         f"{_side(found).capitalize()} profile, sagittal slice at z = {MM * found.z:g} mm, from posterior to anterior.",
@@ -249,7 +256,7 @@ def _csv(found: Fit, name: str, points: Floats) -> str:
     return "\n".join([*comments, "x,y", *rows, ""])
 
 
-def _parameter_file(found: Fit, profile: Path) -> str:
+def _parameter_file(found: ProfileFit, profile: Path) -> str:
     """Write a parameter file as YAML text that sets the profile and nothing else."""
     side, quoted = _side(found), str(profile.resolve()).replace("'", "''")
     hint = "give this file after healthy.yaml; osteoarthritis.yaml may come before or after it."
@@ -257,7 +264,7 @@ def _parameter_file(found: Fit, profile: Path) -> str:
     return parameter_text(Parameters, [f"The {side} of {profile.name}: {hint}"], values)
 
 
-def picture(found: Fit, name: str) -> bytes:
+def picture(found: ProfileFit, name: str) -> bytes:
     """Draw slice and profile, and below them curvature, deviations and thickness, as PNG; `name` is the mesh's."""
     heights = [2.5, 1.0, 1.0, *([1.0] if found.thickness else [])]
     style = CURVES_STYLE | {"font.size": 9.5}
@@ -273,7 +280,7 @@ def picture(found: Fit, name: str) -> bytes:
     return file.getvalue()
 
 
-def _draw_slice(axis: Any, found: Fit) -> None:
+def _draw_slice(axis: Any, found: ProfileFit) -> None:
     """Draw the slice, the profile with its circles, and the bone."""
     for number, piece in enumerate(MM * found.thickness.bone if found.thickness else ()):
         label = None if number else "bone"
@@ -288,7 +295,7 @@ def _draw_slice(axis: Any, found: Fit) -> None:
     axis.set_aspect("equal", adjustable="datalim")
 
 
-def _draw_rows(rows: list[Any], found: Fit) -> None:
+def _draw_rows(rows: list[Any], found: ProfileFit) -> None:
     """Draw the curvature, the deviations and the thickness over the normal or over x."""
     from scipy.spatial import cKDTree
 

@@ -109,7 +109,7 @@ class Smoothed(NamedTuple):
         return float(np.abs(self.deviations).max())
 
 
-class Shape(NamedTuple):
+class ProfileShape(NamedTuple):
     """Points, curvatures and normals of a profile's spline, place by place."""
 
     points: Floats
@@ -142,7 +142,7 @@ class Thickness(NamedTuple):
     """Segments of the bone's cut, both ends of each, shape (m, 2, 2) [m]"""
 
 
-class Fit(NamedTuple):
+class ProfileFit(NamedTuple):
     """Profile in the mesh's frame, with its circles, thickness of cartilage, and remarks."""
 
     femur: bool
@@ -154,7 +154,7 @@ class Fit(NamedTuple):
     tolerance: float
     """RMS distance from the slice that smoothing may add [m]"""
     smoothed: Smoothed
-    shape: Shape
+    shape: ProfileShape
     circles: list[FittedCircle]
     thickness: Thickness | None
     remarks: tuple[str, ...]
@@ -168,7 +168,7 @@ def fit(
     bone: Surface | None = None,
     tolerance: float = TOLERANCE,
     slab: float = SLAB,
-) -> Fit:
+) -> ProfileFit:
     """Fit a femur's or a tibia's profile to the slice of a surface at `z` [m]; see `smooth` for `tolerance` [m].
 
     Raises:
@@ -195,7 +195,7 @@ def fit(
     remarks = (*surface.remarks, *slab_points.remarks)
     if abs(off) >= _NOTABLE_DENT:
         remarks = (*remarks, f"the slice lies {dent}: a dent or a step?")
-    return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
+    return ProfileFit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
 
 
 class _SliceChecks:
@@ -230,7 +230,7 @@ class _SliceChecks:
         what = "its RMS distance from the profile"
         self._check(what, MM * smoothed.rms, "mm", (0.0, _ROUGHEST + MM * tolerance), cure)
 
-    def check_condyle(self, shape: Shape, circles: list[FittedCircle]) -> None:
+    def check_condyle(self, shape: ProfileShape, circles: list[FittedCircle]) -> None:
         """Check the directions and radii of a femur's profile."""
         exchanged = (
             "are front and back exchanged (then turn over two axes, as --axes=-x,y,-z; one alone makes a mirror "
@@ -255,7 +255,7 @@ class _SliceChecks:
         what = "its rear radius over that near extension"
         self._check(what, ratio, "", (0.0, _LARGEST_RATIO), exchanged)
 
-    def check_medial_plateau(self, shape: Shape) -> None:
+    def check_medial_plateau(self, shape: ProfileShape) -> None:
         """Check the profile of a medial tibia."""
         cure = (
             f"a medial one (z < 0) is hollow: is it upside down, or the lateral one? {self.cure}"
@@ -364,7 +364,7 @@ def _chord_length(points: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
-def _shape_of(points: Floats) -> Shape:
+def _shape_of(points: Floats) -> ProfileShape:
     """Evaluate the cubic spline over chord length through points of shape (n, 2) [m], as the model does."""
     from scipy.interpolate import CubicSpline
 
@@ -374,10 +374,10 @@ def _shape_of(points: Floats) -> Shape:
     (x1, y1), (x2, y2) = spline(places, 1).T, spline(places, 2).T
     normal = -np.unwrap(np.arctan2(y1, x1))
     normal -= 2.0 * np.pi * np.round(np.median(normal) / (2.0 * np.pi))
-    return Shape(spline(places), (x1 * y2 - y1 * x2) / np.hypot(x1, y1) ** 3, normal)
+    return ProfileShape(spline(places), (x1 * y2 - y1 * x2) / np.hypot(x1, y1) ** 3, normal)
 
 
-def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
+def _circles(shape: ProfileShape, femur: bool) -> list[FittedCircle]:
     """Fit circles over `_TIBIAL_WINDOWS`, or over those `_FEMORAL_WINDOWS` that the profile covers."""
     x = MM * shape.points[:, 0]
     along = np.degrees(shape.normal) if femur else x
@@ -394,7 +394,7 @@ def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
     return circles
 
 
-def concave(shape: Shape) -> list[tuple[float, float]]:
+def concave(shape: ProfileShape) -> list[tuple[float, float]]:
     """Return the ranges of x [m] in which a tibia's profile is concave."""
     inside = np.concatenate([[0], shape.curvature > 0.0, [0]]).astype(np.int8)
     edges = np.flatnonzero(np.diff(inside))
@@ -402,7 +402,7 @@ def concave(shape: Shape) -> list[tuple[float, float]]:
     return [(float(x[a]), float(x[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness:
+def _thickness(shape: ProfileShape, chart: Chart, bone: Surface, z: float) -> Thickness:
     """Measure the thickness at the places of a shape, from the bone cut at `z` [m]."""
     if not len(bone.triangles):
         raise UsageError(

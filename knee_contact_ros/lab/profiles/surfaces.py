@@ -17,7 +17,7 @@ import numpy as np
 
 from knee_contact_ros.lab.checks import refuse_outside
 from knee_contact_ros.lab.profiles.label_maps import LABEL_MAPS, read_label_map
-from knee_contact_ros.lab.units import LENGTH, UNIT_FACTORS
+from knee_contact_ros.lab.units import UNIT_FACTORS
 from knee_contact_ros.model.types import MM, Floats, Integers
 from knee_contact_ros.system.errors import UsageError, list_names
 
@@ -119,7 +119,7 @@ def read_surface(
     places, signs = _axes(axes or usual)
     unit = unit or usual_unit
     _check_size(path, points, unit)
-    turned = np.ascontiguousarray(points[:, places] * signs) * UNIT_FACTORS[LENGTH][unit]
+    turned = np.ascontiguousarray(points[:, places] * signs) * UNIT_FACTORS["length"][unit]
     known_axes = axes is None and usual != _BODY_AXES
     return Surface(path, turned, triangles, axes or usual, remarks, known_axes)
 
@@ -166,7 +166,7 @@ def _check_size(path: Path, points: Floats, unit: str) -> None:
     if not np.isfinite(points).all():
         raise UsageError(f"{path} has a point that is not finite")
     largest = float(np.ptp(points, axis=0).max())
-    sizes = {name: largest * UNIT_FACTORS[LENGTH][name] for name in _MESH_UNITS}
+    sizes = {name: largest * UNIT_FACTORS["length"][name] for name in _MESH_UNITS}
     likely = min(sizes, key=lambda name: abs(math.log(max(sizes[name], 1e-12) / _USUAL_SIZE)))
     fits = _PLAUSIBLE_SIZES[0] <= sizes[likely] <= _PLAUSIBLE_SIZES[1]
     cure = f"likely it is in {likely}, --unit {likely}" if fits else "scale it to m or mm first"

@@ -145,10 +145,10 @@ def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
     cyclic = [run for run in found if run.gathered.spans]
     known = [(run, _contribution_table(run, run.uncertain)) for run in found if run.uncertain]
     drawn = {
-        "knees": figures.knees(found),
-        "cycle": figures.over_cycle(found, cyclic) if cyclic else [],
-        "time": figures.over_time(found),
-        "uncertain": figures.uncertainty(found),
+        "knees": figures.knee_figures(found),
+        "cycle": figures.cycle_figures(found, cyclic) if cyclic else [],
+        "time": figures.time_figures(found),
+        "uncertain": figures.uncertainty_figures(found),
     }
     environment = Environment(
         loader=PackageLoader(__package__ or "", ""),

@@ -210,7 +210,7 @@ def moves(cyclic: Sequence[ReportRun]) -> bool:
     )
 
 
-def over_cycle(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> list[Figure]:
+def cycle_figures(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> list[Figure]:
     """Draw all figures over percent of the gait cycle; `cyclic` are the `runs` with gait cycles."""
     several = any(len(run.gathered.spans) > 1 for run in cyclic)
     lines = ""
@@ -259,7 +259,7 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
     }
 
 
-def over_time(runs: Sequence[ReportRun]) -> list[Figure]:
+def time_figures(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw flexion, contact force and depth over time, in a figure for every run and its comparisons."""
     figures: list[Figure] = []
     for number, group in enumerate(with_comparisons(runs), start=1):
@@ -297,7 +297,7 @@ def _draw_course(axis: Any, runs: Sequence[ReportRun], run: ReportRun, what: Qua
         axis.axhline(MM * run.parameters.contact.layer_depth, **_BONE_LINE)
 
 
-def knees(runs: Sequence[ReportRun]) -> list[Figure]:
+def knee_figures(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw the knee at its peaks, for every run and comparison with known surfaces."""
     figures: list[Figure] = []
     caption = (
@@ -342,7 +342,7 @@ def _drawn_peaks(run: ReportRun) -> list[tuple[str, int]]:
     return peaks or [(f"largest {what}, {time:.2f} s", gathered.largest)]
 
 
-def uncertainty(runs: Sequence[ReportRun]) -> list[Figure]:
+def uncertainty_figures(runs: Sequence[ReportRun]) -> list[Figure]:
     """Draw depth, force and the effects of uncertain inputs around the largest load or force, for every run."""
     figures: list[Figure] = []
     caption = (

@@ -53,7 +53,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import check_distinct, parameter_file
 from knee_contact_ros.system.progress import Bar
 
-ParameterSource = Path | dict[str, Any]
+GivenParameters = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""
 _COMPUTED = f"Computed for this report by knee_contact_ros {__version__}"
 _LAW_SECTION = "contact."
@@ -71,7 +71,7 @@ class ReportOptions(NamedTuple):
     """Recordings and bags"""
     labels: Sequence[str]
     """Names of the files, one each; empty: they are named by their file names"""
-    parameters: Sequence[ParameterSource]
+    parameters: Sequence[GivenParameters]
     """Parameters for bags without answers and recordings without parameters; later ones override earlier ones"""
     parameters_given: bool
     """Whether the user gave these parameters, as opposed to the default"""
@@ -159,7 +159,7 @@ def _values_in_use(parameters: Parameters) -> dict[str, Any]:
 
 
 class ReportRun(NamedTuple):
-    """Series of answers of a compartment, and how it was computed."""
+    """TimeSeries of answers of a compartment, and how it was computed."""
 
     name: str
     """Name of the recording"""
@@ -350,7 +350,7 @@ def _provenance(path: Path, options: ReportOptions) -> Provenance | None:
         raise
 
 
-def _source_names(sources: Sequence[ParameterSource]) -> str:
+def _source_names(sources: Sequence[GivenParameters]) -> str:
     """Return names of parameter files, and values as on the command line."""
     texts = []
     for source in sources:

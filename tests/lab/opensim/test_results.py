@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.lab.checks import sign_of, unit_of
+from knee_contact_ros.lab.checks import angle_unit_of, flexion_sign_of
 from knee_contact_ros.lab.gait_bag import Gait
 from knee_contact_ros.lab.opensim import Files, read_knee
 from knee_contact_ros.lab.opensim.results import ImportSettings, angle_column, find_reactions
@@ -137,15 +137,17 @@ def test_the_unit_is_recognised_or_asked_for(
     values: tuple[float, ...], header: bool | None, found: str
 ) -> None:
     given = table(["a"], values, header)
-    assert re.search(found, str(outcome(unit_of, given, "a", "auto")))
-    assert unit_of(given, "a", "rad") == "rad"
+    assert re.search(found, str(outcome(angle_unit_of, given, "a", "auto")))
+    assert angle_unit_of(given, "a", "rad") == "rad"
 
 
 @pytest.mark.parametrize(("degrees", "given", "bounds", "found"), SIGNS)
 def test_the_sign_is_that_to_which_it_goes_further(
     degrees: Any, given: Any, bounds: Any, found: str
 ) -> None:
-    assert re.search(found, str(outcome(sign_of, np.radians(degrees), "q.sto: a", given, bounds)))
+    assert re.search(
+        found, str(outcome(flexion_sign_of, np.radians(degrees), "q.sto: a", given, bounds))
+    )
 
 
 @pytest.mark.parametrize(("names", "side", "coordinate", "found"), ANGLES)

@@ -14,7 +14,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles import picture
-from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, fit
+from knee_contact_ros.lab.profiles.fit import TOLERANCE, ProfileFit, concave, fit
 from knee_contact_ros.lab.profiles.slices import contact_centre
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.mechanisms import hinge
@@ -59,7 +59,7 @@ def tibia(**how: Any) -> Surface:
     return surface(swept(tibial_curve(), **how))
 
 
-def radii(found: Fit) -> list[float]:
+def radii(found: ProfileFit) -> list[float]:
     return [each.radius for each in found.circles]
 
 
