@@ -267,6 +267,10 @@ class Bag:
                 )
         return filled
 
+    def __str__(self) -> str:
+        """Path of the bag, for sentences."""
+        return str(self.path)
+
     def __enter__(self) -> Bag:
         return self
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +14,8 @@ from urllib.parse import quote
 import click
 
 from knee_contact_ros.bags.answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.folder import files_of, others_beside
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.folder import others_beside
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
 from knee_contact_ros.commands.options import ParameterOptions
 from knee_contact_ros.model.knee import KneeModel
@@ -60,7 +61,7 @@ LONGEST_NAME = 80
 class RecordedKnee(NamedTuple):
     """A knee whose answers are in a recording."""
 
-    recording: Path
+    recording: Bag
     topic: str
     """Absolute name of the topic of its answers"""
     model: KneeModel
@@ -115,14 +116,13 @@ def run_view(
             raise UsageError(f"no Rerun file at {drawn}")
         _present(drawn, port if serve else None)
         return
-    with TemporaryDirectory(prefix="knee_contact_view_") as folder:
+    with TemporaryDirectory(prefix="knee_contact_view_") as folder, ExitStack() as opened:
         path = save or Path(folder, "knee_contact.rrd")
         check_distinct(list(map(Path, sources)))
-        for source in sources:
-            check_not_input(path, files_of(Path(source)))
-        recordings, missing = _with_answers(
-            [Path(source) for source in sources], parameters, Path(folder)
-        )
+        bags = [opened.enter_context(Bag(Path(source))) for source in sources]
+        for bag in bags:
+            check_not_input(path, bag.paths)
+        recordings, missing = _with_answers(bags, parameters, Path(folder), opened)
         _draw([*recorded_knees(recordings, parameters)], path, overwrite)
         if save:
             say(f"Rerun file   {save}")
@@ -149,7 +149,7 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
 
 
 def recorded_knees(
-    recordings: Mapping[Path, str], parameters: Parameters
+    recordings: Mapping[Bag, str], parameters: Parameters
 ) -> Iterator[RecordedKnee]:
     """Yield all knees in several recordings, each with a name of its own.
 
@@ -188,12 +188,12 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 
 def _knees(
-    path: Path, topics: Sequence[str], names: Sequence[str], parameters: Parameters
+    bag: Bag, topics: Sequence[str], names: Sequence[str], parameters: Parameters
 ) -> Iterator[RecordedKnee]:
     """Build the knees of a recording from the parameters in it, or from `parameters` if it holds none."""
-    provenance = read_provenance(path)
+    provenance = read_provenance(bag)
     if provenance is None:
-        say(f"{path} does not hold its parameters: drawn with those of --params", err=True)
+        say(f"{bag} does not hold its parameters: drawn with those of --params", err=True)
     parameters = provenance.parameters if provenance else parameters
     texts = provenance.file_contents() if provenance else curve_texts(parameters, {})
     models = [
@@ -202,26 +202,29 @@ def _knees(
     ]
     drawings = outlines_of_compartments(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
-        yield RecordedKnee(path, topic, model, drawing, provenance.changes if provenance else ())
+        yield RecordedKnee(bag, topic, model, drawing, provenance.changes if provenance else ())
 
 
 def _with_answers(
-    paths: Sequence[Path], parameters: Parameters, work: Path
-) -> tuple[dict[Path, str], list[str]]:
+    bags: Sequence[Bag], parameters: Parameters, work: Path, opened: ExitStack
+) -> tuple[dict[Bag, str], list[str]]:
     """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`.
+
+    `opened` closes such recordings.
 
     Also return sentences on what is missing in these bags, and warn of what is implausible.
     """
-    names = _distinct([path.name.split(".")[0] for path in map(Path.resolve, paths)])
+    names = _distinct([path.name.split(".")[0] for path in (bag.path.resolve() for bag in bags)])
     recordings, missing = {}, list[str]()
-    for path, name in zip(paths, names, strict=True):
-        answered = path
-        if not answer_topics(path):
-            answered = work / f"{name}.mcap"
+    for bag, name in zip(bags, names, strict=True):
+        answered = bag
+        if not answer_topics(bag):
+            output = work / f"{name}.mcap"
             with progress(f"Solving {name}") as advance:
-                summary = solve(path, parameters, answered, advance)
+                summary = solve(bag, parameters, output, advance)
+            answered = opened.enter_context(Bag(output))
             warn(summary.warnings)
-            missing.append(summary.missing(path))
+            missing.append(summary.missing(bag.path))
         recordings[answered] = name
     return recordings, missing
 

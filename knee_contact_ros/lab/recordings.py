@@ -52,7 +52,7 @@ class Recording(NamedTuple):
 
 
 def read_recording(
-    bag: Path,
+    bag: Path | Bag,
     basis: Parameters | Provenance,
     texts: Mapping[str, str],
     names: Names = OWN_NAMES,
@@ -63,7 +63,7 @@ def read_recording(
     """Read the inputs of all ticks from a bag.
 
     Args:
-        bag: Path of the bag.
+        bag: The bag.
         basis: Parameters, or the provenance of a recording.
         texts: Contents of the files that the parameters name, by parameter.
         names: Names of the input topics.

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.lab.knees import Knees, compute
@@ -299,7 +300,7 @@ class UncertainGait:
 
 
 def read_uncertain_gait(
-    bag: Path,
+    bag: Path | Bag,
     basis: Parameters | Provenance,
     sizes: Mapping[str, Any] | Name,
     names: Names = OWN_NAMES,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -211,31 +212,36 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[ReportRun]:
         UsageError: a file or its parameters cannot be used.
     """
     compared = comparison_values(options.compare) if options.compare else {}
-    recorded = {path: answer_topics(path) for path in options.files}
-    stored = {
-        path: _provenance(path, options) if topics else None for path, topics in recorded.items()
-    }
-    if options.parameters_given and all(stored.values()):
-        raise UsageError(
-            "--params is for bags, and every FILE is a recording with its parameters; see --compare"
-        )
     stems = list(options.labels) or [path.stem for path in options.files]
     runs: list[ReportRun] = []
-    for number, (path, stem) in enumerate(zip(options.files, stems, strict=True)):
-        label = f"{stem} ({stems[: number + 1].count(stem)})" if stems.count(stem) > 1 else stem
-        assumed = parameters_for(path, options.parameters)
-        source = _Source(path, label, recorded[path], stored[path], assumed, options, work, bar)
-        for run, comparison in source.read_runs(compared):
-            runs.append(run)
-            if comparison:
-                runs.append(comparison._replace(beside=len(runs) - 1))
+    with ExitStack() as opened:
+        bags = {path: opened.enter_context(Bag(path)) for path in options.files}
+        topics = {path: answer_topics(bag) for path, bag in bags.items()}
+        stored = {
+            path: _provenance(bag, options) if topics[path] else None for path, bag in bags.items()
+        }
+        if options.parameters_given and all(stored.values()):
+            raise UsageError(
+                "--params is for bags, and every FILE is a recording with its parameters; see --compare"
+            )
+        for number, (path, stem) in enumerate(zip(options.files, stems, strict=True)):
+            label = stem
+            if stems.count(stem) > 1:
+                label = f"{stem} ({stems[: number + 1].count(stem)})"
+            bag = bags[path]
+            assumed = parameters_for(bag, options.parameters)
+            source = _Source(bag, label, topics[path], stored[path], assumed, options, work, bar)
+            for run, comparison in source.read_runs(compared):
+                runs.append(run)
+                if comparison:
+                    runs.append(comparison._replace(beside=len(runs) - 1))
     return runs
 
 
 class _Source(NamedTuple):
     """File of a report."""
 
-    path: Path
+    bag: Bag
     label: str
     topics: Sequence[str]
     """Topics of the answers in it; empty: it is a bag that must be solved"""
@@ -259,8 +265,8 @@ class _Source(NamedTuple):
             runs = self._recorded(topics) if topics else self._solved_runs(names)
             uncertain: Sequence[Propagated | None] = [None, None]
             if self.options.uncertainty:
-                self.bar.describe(f"Uncertainty of {self.path.name}")
-                gait = read_uncertain_gait(self.path, self._basis, self.options.uncertainty, names)
+                self.bar.describe(f"Uncertainty of {self.bag.path.name}")
+                gait = read_uncertain_gait(self.bag, self._basis, self.options.uncertainty, names)
                 effects = gait.propagate(self.bar)
                 uncertain = [effects.medial, effects.lateral]
             others = self._with_other_law(compared, names) if compared else []
@@ -291,7 +297,7 @@ class _Source(NamedTuple):
 
     def _recorded(self, topics: Sequence[str]) -> list[ReportRun]:
         """Read the answers of a recording."""
-        self.bar.describe(f"Reading {self.path.name}")
+        self.bar.describe(f"Reading {self.bag.path.name}")
         if self.stored:
             origin = f"Recorded with {self.stored.package} and the parameters stored in it."
             if self.stored.changes:
@@ -300,13 +306,13 @@ class _Source(NamedTuple):
         else:
             given = _source_names(self.options.parameters)
             origin = f"Recorded without its parameters; {given} is taken for body weight and law."
-        runs = [_read_run(self.path, topic, self._basis, self.bar) for topic in topics]
+        runs = [_read_run(self.bag, topic, self._basis, self.bar) for topic in topics]
         return [run._replace(origin=origin) for run in runs]
 
     def _solved_runs(self, names: Names) -> list[ReportRun]:
         """Solve a bag."""
         given = _source_names(self.options.parameters)
-        doubts = "".join(f" {each}." for each in weight_doubt(self.path, self.assumed))
+        doubts = "".join(f" {each}." for each in weight_doubt(self.bag, self.assumed))
         return self._solve(self._basis, names, f"{_COMPUTED} with {given}.{doubts}")
 
     def _with_other_law(self, compared: Mapping[str, Any], names: Names) -> list[ReportRun]:
@@ -324,26 +330,27 @@ class _Source(NamedTuple):
 
     def _solve(self, basis: Parameters | Provenance, names: Names, origin: str) -> list[ReportRun]:
         """Solve the file into a recording; return a run for each compartment, the medial one first."""
-        self.bar.describe(f"Solving {self.path.name}")
+        self.bar.describe(f"Solving {self.bag.path.name}")
         recording = self.work / "solved.mcap"
-        summary = solve(self.path, basis, recording, self.bar, overwrite=True, names=names)
+        summary = solve(self.bag, basis, recording, self.bar, overwrite=True, names=names)
         topic = f"/{KNEE_CONTACT}"
         runs = []
-        for suffix, each in (("", summary), (f"/{LATERAL}", summary.lateral)):
-            if each:
-                made = read_provenance(recording) or basis
-                run = _read_run(recording, topic + suffix, made, self.bar)
-                run.gathered.doubts.axes = each.doubts.axes
-                damage = tuple(summary.damage)
-                runs.append(run._replace(source=self.path, origin=origin, damage=damage))
+        with Bag(recording) as solved:
+            made = read_provenance(solved) or basis
+            for suffix, each in (("", summary), (f"/{LATERAL}", summary.lateral)):
+                if each:
+                    run = _read_run(solved, topic + suffix, made, self.bar)
+                    run.gathered.doubts.axes = each.doubts.axes
+                    damage = tuple(summary.damage)
+                    runs.append(run._replace(source=self.bag.path, origin=origin, damage=damage))
         recording.unlink()
         return runs
 
 
-def _provenance(path: Path, options: ReportOptions) -> Provenance | None:
+def _provenance(bag: Bag, options: ReportOptions) -> Provenance | None:
     """Return the provenance of a recording; None for a later part without parameters, if the user gave some."""
     try:
-        return read_provenance(path)
+        return read_provenance(bag)
     except UsageError:
         if options.parameters_given:
             return None
@@ -361,7 +368,7 @@ def _source_names(sources: Sequence[GivenParameters]) -> str:
     return ", ".join(texts)
 
 
-def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) -> ReportRun:
+def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) -> ReportRun:
     """Read a recording's answers, with patch and pressure if one known model computed all of them."""
     stored = basis if isinstance(basis, Provenance) else None
     model: KneeModel | None = None
@@ -374,7 +381,7 @@ def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) 
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ANSWER_FIELDS}
-    for block in answer_blocks(path, topic, bar):
+    for block in answer_blocks(bag, topic, bar):
         for name in ANSWER_FIELDS:
             parts[name].append(block.view(FLAT)[name].copy())
         if model and has_readouts:
@@ -384,14 +391,13 @@ def _read_run(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) 
     columns = {name: np.concatenate(several) for name, several in parts.items()}
     gathered = Gathered(columns, own.body_weight, doubts)
     try:
-        with Bag(path) as bag:
-            refused = refused_samples(bag)
-    except (OSError, ValueError):
+        refused = refused_samples(bag)
+    except ValueError:
         refused = Counter()
     return ReportRun(
         "",
         "",
-        path,
+        bag.path,
         topic,
         own,
         "",
