@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model import ticks
+from knee_contact_ros.model import run_state
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
@@ -176,10 +176,14 @@ def run(
     if not scene.thrown:
         return model.run(scene.time, scene.angle, scene.load)
     height = model.closest(scene.angle[0], 0.0).depth + scene.start_gap  # of a level plane
-    state = np.zeros(ticks.STATE_SIZE)
-    state[[ticks.BEGUN, ticks.ANGLE, ticks.LOAD]] = 1.0, scene.angle[0], scene.load[0]
-    state[[ticks.HEIGHT, ticks.VELOCITY]] = height, -scene.thrown
-    state[[ticks.TRY_STEP, ticks.IMPACT]] = math.inf, math.nan
+    state = np.zeros(run_state.STATE_SIZE)
+    state[[run_state.AT_BEGUN, run_state.AT_ANGLE, run_state.AT_LOAD]] = (
+        1.0,
+        scene.angle[0],
+        scene.load[0],
+    )
+    state[[run_state.AT_HEIGHT, run_state.AT_VELOCITY]] = height, -scene.thrown
+    state[[run_state.AT_TRY_STEP, run_state.AT_IMPACT_SPEED]] = math.inf, math.nan
     answers = blank_answers(len(scene.time))
     start = answers[:1]
     start["flexion_angle"], start["load"], start["fidelity"] = (

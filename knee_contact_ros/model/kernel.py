@@ -10,10 +10,11 @@ import numpy as np
 
 from knee_contact_ros.model import ticks
 from knee_contact_ros.model.compiler import COMPILING, compiled, kept_by
+from knee_contact_ros.model.contact import KneeConstants
 from knee_contact_ros.model.laws import hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.profiles import Circle
-from knee_contact_ros.model.solver import KneeConstants
+from knee_contact_ros.model.run_state import STATE_SIZE
 from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows, blank_answers
 
@@ -47,10 +48,10 @@ def example_call() -> tuple[Any, ...]:
         budget=1,
         level=ticks.DYNAMIC,
         allow_tension=False,
-        remembers=False,
+        remembers_impact=False,
         plausible_depth=1e-3,
     )
-    return knee, np.zeros(ticks.STATE_SIZE), np.zeros((1, 4)), *kernel_views(blank_answers(1))
+    return knee, np.zeros(STATE_SIZE), np.zeros((1, 4)), *kernel_views(blank_answers(1))
 
 
 def worth_compiling(number: int | None) -> bool:

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.model import ticks
+from knee_contact_ros.model import run_state, ticks
 from knee_contact_ros.model.closest import Closest
+from knee_contact_ros.model.contact import KneeConstants
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.kernel import compiled_run, kernel_views, worth_compiling
 from knee_contact_ros.model.laws import ContactLaw, check
+from knee_contact_ros.model.lost_state import LEAST_LOST_SPEED
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
-from knee_contact_ros.model.solver import KneeConstants
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import (
@@ -28,6 +29,7 @@ from knee_contact_ros.model.types import (
     Floats,
     Rows,
     Stamps,
+    Status,
     blank_answers,
 )
 
@@ -136,7 +138,7 @@ class KneeModel:
             budget=int(self.budget) or MOST_BUDGET,
             level=ticks.PRESCRIBED_HEIGHT if self.height_prescribed else int(self.level),
             allow_tension=bool(self.allow_tension),
-            remembers=self.law.remembers_impact,
+            remembers_impact=self.law.remembers_impact,
             plausible_depth=float(self.plausible_depth),
         )
 
@@ -151,7 +153,7 @@ class KneeModel:
         `samples` has shape (n, 4): time since the last tick [s], flexion angle [rad], load [N] and prescribed height
         [m] or NaN. Stamps and latencies of `answers` are left as they are.
         """
-        state = np.zeros(ticks.STATE_SIZE) if state is None else state
+        state = np.zeros(run_state.STATE_SIZE) if state is None else state
         run = self.kernel_for(len(samples))
         run(self.constants, state, samples, *kernel_views(answers))
 
@@ -329,7 +331,7 @@ class Stream:
         """The `latency` field of `answer` [s], shape (1,), for callers that measure it"""
         self._stamp: int | None = None
         self._height_prescribed = self.model.height_prescribed
-        self._state = np.zeros(ticks.STATE_SIZE)
+        self._state = np.zeros(run_state.STATE_SIZE)
         self._sample = np.zeros((1, 4))
         self._views = kernel_views(self.answer)
         self._run = self.model.kernel_for()
@@ -348,16 +350,20 @@ class Stream:
         self.model = replace(model, compiled=self.model.compiled)
         self._constants = self.model.constants
         state = self._state
-        if state[ticks.BEGUN] == 0.0 or self._height_prescribed:
+        if state[run_state.AT_BEGUN] == 0.0 or self._height_prescribed:
             return
-        state[ticks.TRY_STEP] = math.inf
+        state[run_state.AT_TRY_STEP] = math.inf
         if self._constants.level == ticks.QUASI_STATIC:
-            rest = np.zeros(ticks.STATE_SIZE)
-            sample = np.array([[0.0, state[ticks.ANGLE], state[ticks.LOAD], math.nan]])
+            rest = np.zeros(run_state.STATE_SIZE)
+            sample = np.array(
+                [[0.0, state[run_state.AT_ANGLE], state[run_state.AT_LOAD], math.nan]]
+            )
             unhurried = self._constants._replace(budget=MOST_BUDGET)
             self._run(unhurried, rest, sample, *kernel_views(blank_answers(1)))
-            state[ticks.E_HEIGHT] += rest[ticks.HEIGHT] - state[ticks.HEIGHT]
-            for place in (ticks.HEIGHT, ticks.STIFFNESS, ticks.SLOPE_DAMPING):
+            state[run_state.AT_HEIGHT_ERROR] += (
+                rest[run_state.AT_HEIGHT] - state[run_state.AT_HEIGHT]
+            )
+            for place in (run_state.AT_HEIGHT, run_state.AT_STIFFNESS, run_state.AT_DAMPING):
                 state[place] = rest[place]
 
     def mark_state_lost(self) -> None:
@@ -367,9 +373,13 @@ class Stream:
         """
         load = max(float(self.answer["load"][0]), 0.0)
         stored = load * self.model.static_depth(load)
-        self._state[ticks.LOST] = math.sqrt(2.0 * stored / self.model.mass) + ticks.TINY_SPEED
-        self._state[ticks.AWAY] = self.answer["error_estimate"][0] = self.model.plausible_depth
-        self.answer["status"] |= ticks.NOT_CONVERGED
+        self._state[run_state.AT_LOST_SPEED] = (
+            math.sqrt(2.0 * stored / self.model.mass) + LEAST_LOST_SPEED
+        )
+        self._state[run_state.AT_LOST_DISTANCE] = self.answer["error_estimate"][0] = (
+            self.model.plausible_depth
+        )
+        self.answer["status"] |= int(Status.NOT_CONVERGED)
 
     def tick(
         self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None

@@ -10,17 +10,17 @@ from knee_contact_ros.model.laws import BEGIN, force_at, law_force
 from knee_contact_ros.model.types import Floats
 
 MAX_ITERATIONS = 200
-ANSWER = 24
+MAX_ANSWER_EVALUATIONS = 24
 """Largest number of evaluations for the answer to a tick that was given up: enough for any load without a guess"""
 NO_LIMIT = 1_000_000
 """Number of evaluations that means no limit"""
-ROUNDING = 1e-16
-"""Error to which depth and height are solved: in m, or relative to them."""
+STATIC_ROUNDING = 1e-16
+"""Error to which depth and height are solved: in m, or relative to them"""
 START_HEIGHT = 0.1
-"""Height [m] at which the search for the femoral height begins: above any contact."""
-RESOLVED = 1e-3
-"""Largest last correction of Newton's method, relative to the depth"""
-DEEPEST = 1e9
+"""Height [m] at which the search for the femoral height begins: above any contact"""
+MAX_LAST_CORRECTION = 1e-3
+"""Largest last correction of Newton's method, relative to the depth, whatever the resolution"""
+MAX_SEARCH_DEPTH = 1e9
 """Depth [m] at which the search for the depth ends"""
 
 
@@ -33,7 +33,7 @@ def height_at(surfaces: Surfaces, angle: float, depth: float, near: float) -> fl
         correction = (reached - depth) / cosine
         height += correction
         if (
-            abs(correction) <= ROUNDING * max(1.0, abs(height))
+            abs(correction) <= STATIC_ROUNDING * max(1.0, abs(height))
             or height + 0.5 * correction == height
         ):
             break
@@ -59,7 +59,7 @@ def static_depth(
         if carried < force:
             layer, base = index, carried
     begin = float(law[layer, BEGIN])
-    low, high, depth = begin, DEEPEST, near
+    low, high, depth = begin, MAX_SEARCH_DEPTH, near
     if not low < near < high:
         depth = max(2.0 * low, 1e-9)
         evaluations += 1
@@ -85,10 +85,10 @@ def static_depth(
             newton = begin + (depth - begin) * ((force - base) / (value - base)) ** exponent
         following = newton if low < newton < high else 0.5 * (low + high)
         correction = abs(following - depth)
-        if newton == depth or not low < following < high or correction <= ROUNDING * depth:
+        if newton == depth or not low < following < high or correction <= STATIC_ROUNDING * depth:
             break
         depth = following
-        if correction <= min(resolution, RESOLVED * depth) or evaluations >= most:
+        if correction <= min(resolution, MAX_LAST_CORRECTION * depth) or evaluations >= most:
             break
     return depth, evaluations
 
@@ -117,7 +117,7 @@ def static_contact(
     for _ in range(MAX_ITERATIONS):
         last = cosine
         _, _, cosine = touch(surfaces, angle, 0.0, height)
-        if abs(cosine - last) <= ROUNDING or evaluations >= most:
+        if abs(cosine - last) <= STATIC_ROUNDING or evaluations >= most:
             break
         depth, extra = static_depth(law, load / cosine, near, resolution, most - evaluations)
         near, evaluations = depth, evaluations + extra

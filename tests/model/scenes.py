@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.model import ticks
+from knee_contact_ros.model import run_state
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import translation_table
@@ -76,7 +76,7 @@ def thrown(
     """The answer to one tick, cut into parts, that a femur begins at a depth [m] and its rate at a held angle [m/s].
 
     `turn` are the angles [rad] and `load` to `end_load` the loads [N] of the tick. `state` has other entries of the
-    run's state, by the names of their places in `ticks`.
+    run's state, by the names of their places in `run_state` after AT_.
     """
     touching = knee.closest(turn[0], 0.0).depth  # of a level plane
     begin = {
@@ -86,9 +86,9 @@ def thrown(
         "HEIGHT": touching - depth,
         "VELOCITY": -rate,
     }
-    before = np.zeros(ticks.STATE_SIZE)
-    for name, value in ({**begin, "TRY_STEP": math.inf, "IMPACT": math.nan} | state).items():
-        before[getattr(ticks, name)] = value
+    before = np.zeros(run_state.STATE_SIZE)
+    for name, value in ({**begin, "TRY_STEP": math.inf, "IMPACT_SPEED": math.nan} | state).items():
+        before[getattr(run_state, f"AT_{name}")] = value
     part = np.linspace(0.0, 1.0, parts + 1)[1:, None]
     answers, last = blank_answers(parts), load if end_load is None else end_load
     samples = [duration / parts, turn[0], load, math.nan] + part * [

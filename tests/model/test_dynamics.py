@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from knee_contact_ros.model import solver
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.model.steps import SINGULAR_ERROR_FACTOR
+from knee_contact_ros.model.tableaux import ESDIRK, FEHLBERG
 from knee_contact_ros.model.types import Contact, Status
 from studies.reference import LAWS
 from tests.helpers.scenes import LAW_ARGUMENTS, STIFFNESS, law, model
@@ -209,31 +210,12 @@ def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution
 
 
 def test_coefficients_satisfy_the_order_conditions() -> None:
-    s = solver
-    explicit = lower(
-        [
-            (s.A21,),
-            (s.A31, s.A32),
-            (s.A41, s.A42, s.A43),
-            (s.A51, s.A52, s.A53, s.A54),
-            (s.A61, s.A62, s.A63, s.A64, s.A65),
-        ],
-        0.0,
-    )
-    weights = np.array([s.B1, 0.0, s.B3, s.B4, s.B5, 0.0])
-    fifth = weights - np.array([s.E1, 0.0, s.E3, s.E4, s.E5, s.E6])
-    c = np.array([0.0, s.C2, s.C3, s.C4, 1.0, s.C6])
-    implicit = lower(
-        [
-            (s.G21,),
-            (s.G31, s.G32),
-            (s.G41, s.G42, s.G43),
-            (s.G51, s.G52, s.G53, s.G54),
-            (s.G61, 0.0, s.G63, s.G64, s.G65),
-        ],
-        s.G,
-    )
-    d = np.array([0.0, s.D2, s.D3, s.D4, s.D5, 1.0])
+    explicit = lower(FEHLBERG.stages, 0.0)
+    weights = np.array(FEHLBERG.weights)
+    fifth = weights - np.array(FEHLBERG.errors)
+    c = np.array([0.0, *FEHLBERG.nodes])
+    implicit = lower(ESDIRK.stages, ESDIRK.diagonal)
+    d = np.array([0.0, *ESDIRK.nodes])
     # Rounding of sums of terms up to 8
     for a, b, nodes in ((explicit, weights, c), (explicit, fifth, c), (implicit, implicit[5], d)):
         assert a.sum(axis=1) == pytest.approx(nodes, abs=2e-15)
@@ -248,12 +230,12 @@ def test_coefficients_satisfy_the_order_conditions() -> None:
     # Where a layer begins, as t^1.5, the difference of the orders is a tenth of the error, in either direction.
     for way in (c**1.5, (1.0 - c) ** 1.5):
         true = abs(float(weights @ way) - 0.4)
-        assert solver.SINGULAR * abs(float((weights - fifth) @ way)) == pytest.approx(
+        assert SINGULAR_ERROR_FACTOR * abs(float((weights - fifth) @ way)) == pytest.approx(
             true, rel=0.4
         )
 
 
-def lower(rows: list[tuple[float, ...]], diagonal: float) -> np.ndarray:
+def lower(rows: tuple[tuple[float, ...], ...], diagonal: float) -> np.ndarray:
     """The matrix of a method's stages, the diagonal of which begins with its second."""
     a = np.diag([0.0, *5 * (diagonal,)])
     for i, row in enumerate(rows, start=1):

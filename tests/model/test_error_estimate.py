@@ -9,17 +9,17 @@ import pytest
 from scipy.linalg import expm
 
 from knee_contact_ros.model.error_estimate import (
-    EXPECTED,
+    EXPECTED_FACTOR,
     LARGEST_ERROR,
-    SPREAD,
-    STEPWISE,
+    SPREAD_FACTOR,
+    STEP_BIAS,
     Error,
-    bounded,
-    force_reach,
-    over_step,
-    reach,
+    force_bound,
+    height_bound,
+    limited,
+    propagated,
     saltation,
-    velocity_reach,
+    velocity_bound,
 )
 from tests.helpers.scenes import law, model
 from tests.model.scenes import signed, thrown
@@ -43,7 +43,7 @@ def test_an_error_is_carried_by_the_linear_contact(
     through = expm(h * np.array([[0.0, 1.0], [-stiffness / MASS, -damping / MASS]]))
     spread = np.array([[4e-14, 1e-12], [1e-12, 9e-10]])
     # rounding of the exponential's scaling
-    carried = over_step(
+    carried = propagated(
         Error(3e-7, -1e-4, 4e-14, 1e-12, 9e-10), stiffness, stiffness, stiffness, damping, MASS, h
     )
     assert carried[:2] == pytest.approx(tuple(through @ [3e-7, -1e-4]), rel=1e-8, abs=1e-18)
@@ -75,35 +75,47 @@ def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(
 
 def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
     for wild in (of(math.inf, 0.0), of(math.nan, 1.0), Error(0.0, 0.0, math.inf, math.nan, 1e300)):
-        kept = bounded(wild)
+        kept = limited(wild)
         assert np.isfinite(kept).all()
-        assert reach(kept, 100.0) == LARGEST_ERROR
+        assert height_bound(kept, 100.0) == LARGEST_ERROR
         assert kept.vv <= LARGEST_ERROR**2
-    assert bounded(of(1e-7, 1e-4)) == of(1e-7, 1e-4)
+    assert limited(of(1e-7, 1e-4)) == of(1e-7, 1e-4)
 
 
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (reach(of(1e-6, 0.0), math.inf), EXPECTED * 1e-6),
-        (reach(of(0.0, 1e-4), math.inf), 0.0),  # in flight a velocity has had no effect yet
-        (reach(of(0.0, 1e-4), 1e3), EXPECTED * 1e-7),  # a swing that passes zero is still an error
-        (reach(of(3e-7, 4e-4), 1e3), EXPECTED * 5e-7),
-        (reach(Error(0.0, 0.0, 9e-14, 0.0, 16e-8), 1e3), SPREAD * 5e-7),
-        (reach(Error(1e-6, 0.0, 1e-12, 0.0, 0.0), math.inf), EXPECTED * 1e-6 + SPREAD * 1e-6),
-        (velocity_reach(Error(0.0, -2e-4, 0.0, 0.0, 1e-8)), EXPECTED * 2e-4 + SPREAD * 1e-4),
+        (height_bound(of(1e-6, 0.0), math.inf), EXPECTED_FACTOR * 1e-6),
+        (height_bound(of(0.0, 1e-4), math.inf), 0.0),  # in flight a velocity has had no effect yet
+        (
+            height_bound(of(0.0, 1e-4), 1e3),
+            EXPECTED_FACTOR * 1e-7,
+        ),  # a swing that passes zero is still an error
+        (height_bound(of(3e-7, 4e-4), 1e3), EXPECTED_FACTOR * 5e-7),
+        (height_bound(Error(0.0, 0.0, 9e-14, 0.0, 16e-8), 1e3), SPREAD_FACTOR * 5e-7),
+        (
+            height_bound(Error(1e-6, 0.0, 1e-12, 0.0, 0.0), math.inf),
+            EXPECTED_FACTOR * 1e-6 + SPREAD_FACTOR * 1e-6,
+        ),
+        (
+            velocity_bound(Error(0.0, -2e-4, 0.0, 0.0, 1e-8)),
+            EXPECTED_FACTOR * 2e-4 + SPREAD_FACTOR * 1e-4,
+        ),
         # An error that creeps: the dashpot carries what the spring does not. Alone, either is an error of the force.
-        (force_reach(of(1e-6, -2e-4), 4e6, 2e4, 0.0, math.inf), 0.0),
-        (force_reach(of(1e-6, 0.0), 4e6, 2e4, 0.0, math.inf), EXPECTED * 4.0),
-        (force_reach(of(1e-6, 0.0), 4e6, 2e4, -3.0, math.inf), EXPECTED * 1.0),
-        (force_reach(of(0.0, 1e-3), 0.0, 2e4, 0.0, HELD), EXPECTED * 20.0),
-        (force_reach(of(0.0, 1e-3), 4e6, 0.0, 0.0, HELD), EXPECTED * 4e3 / HELD),
-        (force_reach(Error(0.0, 0.0, 1e-12, 0.0, 0.0), 4e6, 2e4, 0.0, math.inf), SPREAD * 4.0),
+        (force_bound(of(1e-6, -2e-4), 4e6, 2e4, 0.0, math.inf), 0.0),
+        (force_bound(of(1e-6, 0.0), 4e6, 2e4, 0.0, math.inf), EXPECTED_FACTOR * 4.0),
+        (force_bound(of(1e-6, 0.0), 4e6, 2e4, -3.0, math.inf), EXPECTED_FACTOR * 1.0),
+        (force_bound(of(0.0, 1e-3), 0.0, 2e4, 0.0, HELD), EXPECTED_FACTOR * 20.0),
+        (force_bound(of(0.0, 1e-3), 4e6, 0.0, 0.0, HELD), EXPECTED_FACTOR * 4e3 / HELD),
+        (
+            force_bound(Error(0.0, 0.0, 1e-12, 0.0, 0.0), 4e6, 2e4, 0.0, math.inf),
+            SPREAD_FACTOR * 4.0,
+        ),
     ],
 )
 def test_what_is_published_of_an_error(found: float, expected: float) -> None:
     # written out: the constants are those that studies of thousands of scenes have found
-    assert (EXPECTED, SPREAD, STEPWISE) == (1.25, 3.0, 1.6)
+    assert (EXPECTED_FACTOR, SPREAD_FACTOR, STEP_BIAS) == (1.25, 3.0, 1.6)
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)  # rounding; of 4 N
 
 
@@ -112,7 +124,7 @@ FLORES = model(law("flores"), 1e-10, mass=MASS)
 
 def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
     """The load has pressed it on for that time, and damping that remembers the impact goes by it ever after."""
-    doubtful = thrown(FLORES, -1e-4, 0.05, 2e-3, load=200.0, E_HEIGHT=1e-6)
+    doubtful = thrown(FLORES, -1e-4, 0.05, 2e-3, load=200.0, HEIGHT_ERROR=1e-6)
     late = thrown(FLORES, -1e-4 - 1e-6, 0.05, 2e-3, load=200.0)
     assert 1e-9 < abs(signed(late) - signed(doubtful)) <= doubtful.error_estimate
     assert 1e-3 < abs(late.contact_force - doubtful.contact_force) <= doubtful.force_error_estimate
@@ -121,7 +133,7 @@ def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
 def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() -> None:
     # The answer has long come to rest by the tick's end; the exact femur may still be on its way: 1 cm.
     touched = thrown(
-        model(law("kelvin_voigt"), 1e-10, mass=MASS), -1e-4, 0.02, 0.05, load=1.0, E_HH=1e-4
+        model(law("kelvin_voigt"), 1e-10, mass=MASS), -1e-4, 0.02, 0.05, load=1.0, HH=1e-4
     )
     assert touched.penetration_depth > 0.0
     assert touched.error_estimate > 1e-3
@@ -138,7 +150,7 @@ def test_an_error_of_the_start_is_carried_to_the_end(
 ) -> None:
     """The difference of two exact motions that begin so far apart is within what is published, and not far below."""
     knee = model(law(name), 1e-11, mass=MASS)
-    believed = thrown(knee, depth, rate, duration, load=300.0, E_HEIGHT=off)
+    believed = thrown(knee, depth, rate, duration, load=300.0, HEIGHT_ERROR=off)
     true = thrown(
         knee, depth + off, rate, duration, load=300.0
     )  # it lies lower: too high by `off`

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.model import laws, solver, statics, ticks
+from knee_contact_ros.model import (
+    answers,
+    contact,
+    laws,
+    lost_state,
+    quasi_static,
+    solver,
+    statics,
+)
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD, MOST_BUDGET, KneeModel
 from knee_contact_ros.model.laws import ContactLaw, Layer
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
@@ -249,7 +257,7 @@ def test_every_evaluation_of_the_law_is_counted(
         calls[0] += touching.get(layer, 1)  # apart there is nothing to evaluate
         return force_at(rows, layer, *rest)
 
-    for module in (laws, solver, statics, ticks):
+    for module in (laws, answers, contact, lost_state, quasi_static, solver, statics):
         monkeypatch.setattr(module, "force_at", counting)
     load = np.where((TICKS > 0.1) & (TICKS < 0.12), -80.0, 2.0 * LOAD)
     series = model(law(name), 1e-7, level=level).run(TICKS, ANGLE, load)

@@ -57,9 +57,13 @@ def test_the_static_depth_carries_the_force_whatever_the_guess(
 def test_no_guess_is_too_far_and_no_load_is_none(name: str) -> None:
     rows = law(name).rows
     for near in (1e-12, 1e-6, 1.0, 1e6):
-        depth, evaluations = statics.static_depth(rows, 900.0, near, 0.0, statics.ANSWER)
+        depth, evaluations = statics.static_depth(
+            rows, 900.0, near, 0.0, statics.MAX_ANSWER_EVALUATIONS
+        )
         assert law(name).static_force(depth) == pytest.approx(900.0, rel=1e-6)
-        assert evaluations <= statics.ANSWER + 2  # a layer, and the last correction
+        assert (
+            evaluations <= statics.MAX_ANSWER_EVALUATIONS + 2
+        )  # a layer, and the last correction
     for force in (0.0, -100.0):
         assert statics.static_depth(rows, force, 1e-3, 0.0, statics.NO_LIMIT) == (0.0, 0)
 

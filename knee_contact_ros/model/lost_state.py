@@ -1,0 +1,154 @@
+"""Answers while the exact solution is lost: bounds of where the femur may be, until the contact has forgotten it.
+
+The exact solution is lost where a tick could not be resolved, or where its error may be larger than any depth: the
+linearised contact would make that small at once, while the exact femur still flies.
+"""
+
+from __future__ import annotations
+
+import math
+
+from knee_contact_ros.model.closest import touch
+from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.contact import FemurState, Interval, KneeConstants, Result, load_at
+from knee_contact_ros.model.error_estimate import (
+    LARGEST_ERROR,
+    eigenvalues,
+    height_bound,
+    relaxation_rate,
+    velocity_bound,
+    with_bound,
+)
+from knee_contact_ros.model.laws import DAMPING, force_at, law_force, layer_at
+from knee_contact_ros.model.run_state import (
+    AT_LOAD_IMPULSE,
+    AT_LOST_DISTANCE,
+    AT_LOST_SPEED,
+    AT_RELAXATION_TIMES,
+    AT_STATIC_VELOCITY,
+    AT_STRONGEST_LOAD,
+)
+from knee_contact_ros.model.types import Floats
+
+FORGOTTEN_SHARE = 1e-4
+"""Share of the tolerance to which a lost difference must decay. Tuned; `studies.honesty scenes` would notice: 0.1 %
+fewer of the quasi-static ticks are flagged without it."""
+REMAINING_SHARE = 1e-2
+"""Share of the tolerance that is assumed to remain then. Tuned; no study would notice."""
+LEAST_LOST_SPEED = 1e-9
+"""Smallest bound of a speed [m/s] while the exact solution is lost; 0 means that the solution is known"""
+
+
+@in_kernel
+def answer_while_lost(
+    knee: KneeConstants,
+    tick: Interval,
+    state: Floats,
+    start: FemurState,
+    result: Result,
+    solved: bool,
+) -> Result:
+    """Return the answer to a tick while the exact solution is lost, and find out whether it has been forgotten.
+
+    Two bounds of the exact femur are kept, of its speed and of its distance: what it had, what the contact had stored,
+    and what load and surfaces have added. It is forgotten when, without a break, the load has pressed for longer than
+    all flights take, the first one from that distance at that speed and the others after landings, which leave a part
+    of the speed; and then for as many relaxation times of the contact as the tolerance asks for. Where a layer has no
+    dashpot, or the law depends on the impact speed, nothing is forgotten until a reset. How fast the contact has begun
+    stays unknown until the next touch, for a law that is changed to.
+    """
+    mass, stage, h = knee.mass, result.stage, tick.duration
+    load = load_at(tick, h)
+    least_load, largest_load = min(tick.load, load), max(abs(tick.load), abs(load))
+    deepest, speed = max(stage.depth, 0.0), float(state[AT_LOST_SPEED])
+    velocity = result.femur.velocity
+    if math.isnan(velocity):
+        end_angle = tick.angle + tick.angle_rate * h
+        _, end_rate, cosine = touch(knee.surfaces, end_angle, tick.angle_rate, result.femur.height)
+        velocity = end_rate / cosine
+    if speed > 0.0:
+        speed += abs(start.velocity - state[AT_STATIC_VELOCITY])
+    if not solved:
+        if speed == 0.0:
+            depth, rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
+            away = height_bound(start.error, math.inf)
+            deepest = max(deepest, depth + away)
+            state[AT_LOST_DISTANCE] = abs(depth) + away
+            speed = abs(rate / cosine - start.velocity) + velocity_bound(start.error)
+            speed += LEAST_LOST_SPEED
+        stored = deepest * abs(law_force(knee.law, deepest, 0.0, 0.0)[0])
+        speed = math.sqrt(speed * speed + 2.0 * stored / mass)
+    moved = abs(velocity - start.velocity)
+    forgets = solved and not knee.remembers_impact
+    for i in range(1, len(knee.law) - 1):
+        forgets = forgets and knee.law[i, DAMPING] > 0.0
+    if not forgets or least_load <= 0.0 or stage.depth <= 0.0:
+        speed += largest_load * h / mass + moved
+        state[AT_LOAD_IMPULSE] = 0.0
+        state[AT_STRONGEST_LOAD] = 0.0
+        state[AT_RELAXATION_TIMES] = 0.0
+    else:
+        speed += abs(load - tick.load) / math.sqrt(stage.stiffness * mass) + moved
+        restitution = deep_restitution(knee, stage.depth, stage.stiffness, speed)
+        state[AT_LOAD_IMPULSE] += least_load * h / mass
+        state[AT_STRONGEST_LOAD] = max(state[AT_STRONGEST_LOAD], largest_load)
+        fall = 2.0 * state[AT_STRONGEST_LOAD] / mass * state[AT_LOST_DISTANCE]
+        landing = math.sqrt(speed * speed + fall)
+        # The flights after the first one last as long as a geometric series of landings says.
+        longest = speed + landing * (1.0 + restitution) / (1.0 - restitution)
+        if state[AT_LOAD_IMPULSE] > longest:
+            decay, _ = eigenvalues(stage.stiffness, stage.damping, mass)
+            state[AT_RELAXATION_TIMES] += h * decay
+            away = max(stage.depth, speed * math.sqrt(mass / stage.stiffness))
+            wanted = math.log(1.0 + away / (FORGOTTEN_SHARE * knee.tolerance))
+            if state[AT_RELAXATION_TIMES] > wanted:
+                return known_again(knee, state, result, landing)
+    state[AT_LOST_SPEED] = min(speed, LARGEST_ERROR)
+    state[AT_STATIC_VELOCITY] = velocity
+    state[AT_LOST_DISTANCE] = min(state[AT_LOST_DISTANCE] + deepest + speed * h, LARGEST_ERROR)
+    return Result(
+        result.femur,
+        stage,
+        result.force,
+        max(result.estimate, float(state[AT_LOST_DISTANCE])),
+        result.force_estimate,
+        result.evaluations + 2,
+        False,
+    )
+
+
+@in_kernel
+def deep_restitution(knee: KneeConstants, depth: float, stiffness: float, speed: float) -> float:
+    """Return the coefficient of restitution of a landing at a speed [m/s] in a contact at a depth [m].
+
+    A landing deeper in the contact meets a stiffer spring, whose dashpot damps less: the linear oscillator there has
+    the damping ratio ζ and leaves exp(-π ζ/√(1 - ζ²)) of the speed after half a period.
+    """
+    below = depth + speed * math.sqrt(knee.mass / stiffness)
+    _, k, c = force_at(knee.law, layer_at(knee.law, below), below, 0.0, 0.0)
+    damping_ratio = min(0.5 * c / math.sqrt(max(k, stiffness) * knee.mass), 0.99)
+    return math.exp(-math.pi * damping_ratio / math.sqrt(1.0 - damping_ratio * damping_ratio))
+
+
+@in_kernel
+def known_again(knee: KneeConstants, state: Floats, result: Result, landing: float) -> Result:
+    """Return the answer to a tick by which the lost solution is forgotten; the last `landing` [m/s] stays unknown."""
+    state[AT_LOST_SPEED] = 0.0
+    state[AT_LOST_DISTANCE] = 0.0
+    state[AT_LOAD_IMPULSE] = 0.0
+    state[AT_STRONGEST_LOAD] = 0.0
+    state[AT_RELAXATION_TIMES] = 0.0
+    femur, stage, left = result.femur, result.stage, REMAINING_SHARE * knee.tolerance
+    relaxation = relaxation_rate(stage.stiffness, stage.damping, knee.mass)
+    error = with_bound(femur.error, left, left * relaxation)
+    return Result(
+        FemurState(
+            femur.height, femur.velocity, error, femur.try_step, femur.impact_speed, landing
+        ),
+        stage,
+        result.force,
+        result.estimate + left,
+        result.force_estimate,
+        result.evaluations,
+        True,
+    )

@@ -1,0 +1,219 @@
+"""The quasi-static level: the static contact at the end of a tick, and the error of the motion that it leaves out.
+
+With x = static height - dynamic height, M ẍ + C ẋ + K x = M ÿ_static - C δ̇_static, by the contact linearised with K
+and C, its slopes along the height. The answer costs a few evaluations; most of the code here is its error estimate.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from knee_contact_ros.model.closest import next_kink, touch
+from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.contact import (
+    FemurState,
+    Interval,
+    KneeConstants,
+    Result,
+    Stage,
+    load_at,
+)
+from knee_contact_ros.model.error_estimate import (
+    SPREAD_FACTOR,
+    TINY,
+    Error,
+    force_bound,
+    height_bound,
+    limited,
+    propagated,
+    relaxation_rate,
+    response,
+    with_bound,
+    with_curvature,
+)
+from knee_contact_ros.model.laws import BEGIN, force_at, law_force, layer_at
+from knee_contact_ros.model.statics import static_contact
+from knee_contact_ros.model.steps import NEWTON_TOLERANCE_SHARE
+
+UNKNOWN_CHANGE = 0.2
+"""Unknown part of what the motion changes by in a tick, as the linearised contact is not constant. Tuned, with the next
+two as one safety margin: `studies.honesty scenes` would notice if several of them went."""
+UNKNOWN_MOTION = 0.03
+"""Unknown part of the motion itself. Tuned: without it 1.6 % fewer of the ticks are flagged."""
+UNKNOWN_BEND = 0.5
+"""Unknown part of the motion, over its part of the depth. Tuned: without it 0.7 % fewer of the ticks are flagged."""
+STIFFNESS_CHANGE_LIMIT = 1.0 / 3.0
+"""Relative change of stiffness or damping in a tick above which errors are propagated by both values. Tuned; no study
+would notice."""
+MAX_PHASE_ERROR = 0.5
+"""Phase error [rad] of an oscillation in a tick up to which its phase counts as known. Tuned; `studies.honesty changes`
+would notice: 0.3 % fewer of the ticks are flagged without it."""
+UNKNOWN_PHASE_FACTOR = 2.5
+"""Factor on an oscillation whose phase is unknown. Tuned; `studies.honesty scenes` would notice: 2 depths and 3 forces
+of 0.14 million are not covered by a factor of 1."""
+SOFT_LAYER_PHASE = 2.0 * math.pi
+"""Phase [rad] of a swing in the layer above, in which the static contact's deviation becomes smaller by a factor e.
+Tuned; `studies.honesty changes` (seed 6001, plan 1382) would notice."""
+UNKNOWN_INERTIA = 0.8
+"""Unknown part of the inertia that is left out, of which only the mean over a tick is known. Tuned; `studies.honesty
+scenes` would notice: 0.7 % fewer of the ticks are flagged without it."""
+
+
+class Linear(NamedTuple):
+    """The linearised contact at one end of a tick."""
+
+    rest: float
+    """Where the deviation of the static contact would come to rest [m]"""
+    stiffness: float
+    """Slopes of the force along the height over the height [N/m]"""
+    damping: float
+    """and over the velocity [N s/m]"""
+
+
+@in_kernel
+def quasi_static(
+    knee: KneeConstants, tick: Interval, start: FemurState, stiffness: float, damping: float
+) -> Result:
+    """Return the static contact at the end of an interval, with the error of the motion that it leaves out.
+
+    `stiffness` and `damping` are the slopes at the beginning. The contact holds only while the load presses the
+    surfaces together and the femur can follow: elsewhere the tick is not `converged`.
+    """
+    h, mass, load = tick.duration, knee.mass, load_at(tick, tick.duration)
+    end_angle = tick.angle + tick.angle_rate * h
+    depth, surface_rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
+    sinking = tick.load_rate / stiffness if stiffness > 0.0 else 0.0
+    begin_velocity = surface_rate / cosine - sinking
+    near = max(0.0, depth + cosine * sinking * h)
+    resolution = NEWTON_TOLERANCE_SHARE * knee.tolerance
+    height, end_depth, force, k, c, end_cosine, used = static_contact(
+        knee.surfaces, knee.law, end_angle, load, start.height, near, resolution, knee.budget
+    )
+    fastest_impact = start.impact_speed + start.impact_error
+    if knee.remembers_impact and fastest_impact > 0.0:
+        # The contact has begun faster than at rest, and damps less.
+        _, _, c = law_force(knee.law, end_depth, 0.0, fastest_impact)
+    _, end_surface_rate, _ = touch(knee.surfaces, end_angle, tick.angle_rate, height)
+    square = end_cosine * end_cosine
+    k, c = square * k, square * c
+    end_sinking = tick.load_rate / k if k > 0.0 else 0.0
+    velocity = end_surface_rate / end_cosine - end_sinking
+    inertia = mass * (velocity - begin_velocity) / h
+    least_load = min(tick.load, load)
+    pressed = least_load > 0.0 and least_load + inertia > 0.0 and min(stiffness, k) > 0.0
+    error, relaxation = limited(start.error), relaxation_rate(k, c, mass)
+    if pressed:
+        before = Error(
+            error.height,
+            error.velocity + begin_velocity - start.velocity,
+            error.hh,
+            error.hv,
+            error.vv,
+        )
+        begin = Linear((inertia - damping * sinking) / stiffness, stiffness, damping)
+        end = Linear((inertia - c * end_sinking) / k, k, c)
+        layer = layer_at(knee.law, end_depth)
+        in_layer = end_depth - float(knee.law[max(layer, 1), BEGIN])
+        error = static_deviation(before, begin, end, in_layer, mass, h)
+        before_bound = height_bound(before, relaxation)
+        if layer > 1 and before_bound > in_layer:
+            # Half of its swing may lie in the layer above, which is softer: it decays no faster than a swing there.
+            _, soft, _ = force_at(knee.law, layer - 1, end_depth, 0.0, 0.0)
+            frequency = math.sqrt(square * soft / mass)
+            kept = before_bound * math.exp(-h / SOFT_LAYER_PHASE * frequency)
+            least = max(0.0, kept - height_bound(error, relaxation))
+            error = with_bound(error, least, least * relaxation)
+        left = min(resolution, 1e-3 * end_depth)
+        unknown = left * left / max(end_depth, TINY)
+        begin_layer = layer_at(knee.law, depth)
+        if begin_layer != layer:
+            # A layer begins softly, or with another dashpot: the dynamic femur may stay behind.
+            behind = max(depth, end_depth) - float(knee.law[max(begin_layer, layer), BEGIN])
+            unknown += behind
+            if damping > c:
+                # The dashpot lets go late; then the femur swings about where the load has left it.
+                load_rate, way = abs(tick.load_rate), behind + height_bound(before, math.inf)
+                late = math.sqrt(2.0 * damping * way / max(load_rate, TINY))
+                unknown += min(abs(depth - end_depth), load_rate * min(late, h) / k)
+        way, speed = response(UNKNOWN_INERTIA * abs(inertia), k, c, mass, h)
+        if knee.surfaces.non_convex > 0.0 or not math.isnan(
+            next_kink(knee.surfaces, tick.angle, end_angle)
+        ):
+            # The rate of the surface jumps in the tick, when the contact leaps to another bump or at a kink. Each jump
+            # gives the femur a velocity. There may be three: two of them, and one right at the end.
+            jump = 3.0 * abs(velocity - begin_velocity)
+            way += jump / relaxation
+            speed += jump
+        error = limited(with_bound(error, unknown + way, speed))
+        # The linearised contact must not pull the femur with more than the load, as no contact does.
+        pull = stiffness * before.height + damping * before.velocity
+        swing = math.sqrt(stiffness * mass)
+        if damping < 2.0 * swing:  # what is a velocity now pulls later
+            rebound = swing * before.velocity
+            pull = math.sqrt(pull * pull + rebound * rebound)
+        pressed = abs(pull) < least_load
+        # A contact that has let go and begun again has another impact speed.
+        if knee.remembers_impact and height_bound(error, relaxation) >= in_layer:
+            pressed = False
+    end_rate = end_cosine * end_sinking
+    stage = Stage(end_depth, end_rate, force, k, c, end_surface_rate, end_cosine, 0.0)
+    femur = FemurState(height, velocity, error, math.inf, start.impact_speed, start.impact_error)
+    force_estimate = force_bound(error, k, c, c * end_sinking, relaxation) / end_cosine
+    estimate = height_bound(error, relaxation)
+    return Result(femur, stage, force, estimate, force_estimate, used, pressed)
+
+
+@in_kernel
+def static_deviation(
+    error: Error, begin: Linear, end: Linear, in_layer: float, mass: float, h: float
+) -> Error:
+    """Return the deviation of the static contact from the dynamic one after a tick of `h` [s].
+
+    Where it would come to rest moves linearly from the beginning to the end; `in_layer` [m] is the depth in the layer
+    at the end.
+    """
+    spring, dashpot = 0.5 * (begin.stiffness + end.stiffness), 0.5 * (begin.damping + end.damping)
+    drift = (end.rest - begin.rest) / h
+    lag = dashpot / spring * drift
+    x, u = error.height - begin.rest + lag, error.velocity - drift
+    beside = Error(x, u, error.hh, error.hv, error.vv)
+    relaxation, frequency = relaxation_rate(spring, dashpot, mass), math.sqrt(spring / mass)
+    swing = abs(u) / relaxation
+    detuning = abs(math.sqrt(end.stiffness / mass) - frequency) + UNKNOWN_MOTION * frequency
+    oscillates = dashpot < 2.0 * frequency * mass
+    if h * min(frequency, detuning) > MAX_PHASE_ERROR and oscillates:
+        # Its phase at the end of the tick is not known, so that nothing of it is expected and all of it is spread.
+        energy = x * x + u * u / (frequency * frequency)
+        added = UNKNOWN_PHASE_FACTOR * UNKNOWN_PHASE_FACTOR * energy
+        added /= SPREAD_FACTOR * SPREAD_FACTOR
+        faster = added * frequency * frequency
+        beside = Error(0.0, 0.0, error.hh + added, error.hv, error.vv + faster)
+    moved = propagated(beside, spring, spring, spring, dashpot, mass, h)
+    k, c = end.stiffness, end.damping
+    changed = abs(k - spring) > STIFFNESS_CHANGE_LIMIT * spring
+    if changed or abs(c - dashpot) > STIFFNESS_CHANGE_LIMIT * dashpot:
+        other = propagated(beside, k, k, k, c, mass, h)
+        wider = math.sqrt(max(other.hh, 0.0)) - math.sqrt(max(moved.hh, 0.0))
+        faster = math.sqrt(max(other.vv, 0.0)) - math.sqrt(max(moved.vv, 0.0))
+        moved = with_bound(
+            moved,
+            abs(other.height - moved.height) + SPREAD_FACTOR * max(wider, 0.0),
+            abs(other.velocity - moved.velocity) + SPREAD_FACTOR * max(faster, 0.0),
+        )
+    behind = moved.velocity / relaxation
+    expected = math.sqrt(moved.height * moved.height + behind * behind)
+    variance = moved.hh + moved.vv / (relaxation * relaxation)
+    doubted = SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
+    moved = Error(
+        moved.height + end.rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv
+    )
+    size = abs(moved.height) + abs(error.height)
+    unknown = max(UNKNOWN_CHANGE * expected - doubted, 0.0)
+    unknown = unknown + UNKNOWN_CHANGE * abs(end.rest - begin.rest) + UNKNOWN_MOTION * size
+    unknown += UNKNOWN_BEND * size * min(1.0, size / max(in_layer, TINY))
+    if swing > in_layer:
+        # The surfaces come apart meanwhile, and touch again at an unknown time.
+        unknown += swing
+    way, speed = response(spring * unknown, spring, dashpot, mass, h)
+    return with_curvature(with_bound(moved, way, speed), in_layer, spring, dashpot, mass, h)
