@@ -42,39 +42,16 @@ _LEAST_FLEXION = (math.degrees(MIN_FLEXION), 90.0)
 """Limits of the smallest flexion [deg]: a knee is less bent than that at some time in every step"""
 _MOST_FLEXION = (math.degrees(MIN_FLEXION), 160.0)
 """Limits of the largest flexion [deg]: no knee under load is bent further"""
-_LARGEST_STEP = 30.0
-"""Step [deg] between rows beyond which a contact is loose, or an encoder begins a new turn"""
-_SPIKE_HEIGHT = 1.5
-"""Load [BW] by which a spike exceeds both neighbouring rows. Tuned"""
-_SPIKE_FACTOR = 2.0
-"""Factor by which a spike also exceeds them. Tuned"""
-_ROW_RATES = (5.0, 1e4)
-"""Limits of the number of rows a second"""
-_IN_SECONDS = "are its times in s, and not in milliseconds?"
-_LEAST_RATE_CHECKED = 0.1
-"""RMS of the angle's rate [rad/s] below which a given rate is not checked"""
-_RATE_RATIOS = (0.5, 2.0)
-"""Limits of the ratio of a given rate to the one derived from the angle"""
 _LARGEST_BODY_WEIGHT = 2500.0
 """Largest body weight [N] that is possible"""
-_USUAL_PEAKS = (400.0, 8000.0)
-"""Limits of the peak load [N] of a person whose weight is not known"""
 _LOAD_PEAKS = (LEAST_PEAK, MOST_PEAK)
 """Limits of the peak load [BW]"""
 _USUAL_LOAD_PEAKS = (1.5, 4.0)
 """The narrower range [BW] of a peak load by which the right unit is guessed"""
 GROUND_PEAKS = (0.4, 5.0), (0.9, 1.6)
 """The same two ranges for the ground's force on a foot"""
-_LARGEST_MOMENT = 0.12
-"""Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates"""
-_LARGEST_TORQUE = 300.0
-"""Largest plausible torque [N m] of an actuator"""
 _FOOT_STANDS = 100.0
 """Vertical force [N] that a walking foot exceeds"""
-_FOOT_LENGTH = 0.30
-"""Largest median horizontal distance [m] from the ankle of a standing foot to its centre of pressure"""
-_LEAST_HEADING = 0.7
-"""Smallest mean x component of the pelvis's forward direction: within about 45 degrees of x"""
 
 
 def angle_unit_of(table: Table, column: str, requested: str) -> str:
@@ -165,11 +142,12 @@ def refuse_outside(
 def check_rate(given: Floats, derived: Floats, where: str) -> None:
     """Refuse a given rate [rad/s] that disagrees with the one derived from the angle; shapes (n,)."""
     power = float(derived @ derived)
-    if power <= _LEAST_RATE_CHECKED**2 * len(derived):
+    # A rate below 0.1 rad/s RMS is not checked.
+    if power <= 0.1**2 * len(derived):
         return
     ratio = float(given @ derived) / power
     cure = "another unit than its inDegrees says, or another coordinate's?"
-    refuse_outside(where, "its ratio to the rate of the angle", ratio, "", _RATE_RATIOS, cure)
+    refuse_outside(where, "its ratio to the rate of the angle", ratio, "", (0.5, 2.0), cure)
 
 
 def check_upright(up: Floats, where: str) -> None:
@@ -188,7 +166,8 @@ def check_near(arm: Floats, up: Floats, where: str) -> None:
     away = float(np.median(np.hypot(standing[:, 0], standing[:, 2]))) if len(standing) else 0.0
     what = "the median distance to the ankle of a standing foot"
     cure = "is it the other foot's, not in m, or in other axes than the model's?"
-    refuse_outside(where, what, away, "m", (0.0, _FOOT_LENGTH), cure)
+    # The centre of pressure is under the foot, so it is less than a foot's length from the ankle.
+    refuse_outside(where, what, away, "m", (0.0, 0.30), cure)
 
 
 def check_heading(forward: Floats, path: Path) -> None:
@@ -196,7 +175,8 @@ def check_heading(forward: Floats, path: Path) -> None:
     ahead = float(forward[:, 0].mean())
     what = "the mean x component of the pelvis's direction"
     cure = "turn markers and ground reactions about y, so that the person walks towards x"
-    refuse_outside(path, what, ahead, "", (_LEAST_HEADING, 1.0), cure)
+    # The person walks within about 45 degrees of x.
+    refuse_outside(path, what, ahead, "", (0.7, 1.0), cure)
 
 
 def impossible(
@@ -241,7 +221,7 @@ def gait_doubts(
     OpenSim's results are not `mapped`.
     """
     where = angle.where
-    ask = _IN_SECONDS
+    ask = "are its times in s, and not in milliseconds?"
     cure = "is it the included angle?"
     if mapped:
         ask = "is time.unit right (s, milliseconds), or does it count frames (time.rate)?"
@@ -264,7 +244,7 @@ def gait_doubts(
     worst = int(np.argmax(steps))
     step = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
     cure = "a loose contact, or an encoder's turn?"
-    found += outside(where, step, float(steps[worst]), "deg", (0.0, _LARGEST_STEP), cure)
+    found += outside(where, step, float(steps[worst]), "deg", (0.0, 30.0), cure)
     if load:
         least = float(load.values.min())
         limits = (-LARGEST_PULL * (weight or TYPICAL_BODY_WEIGHT), math.inf)
@@ -274,7 +254,8 @@ def gait_doubts(
         found += peak_doubts(load, unit, weight)
     if moment:
         most = float(np.abs(moment.values).max())
-        limits = (0.0, _LARGEST_MOMENT * (weight or _LARGEST_BODY_WEIGHT))
+        # The body weight at 12 cm from the middle; larger moments are spikes where feet change plates.
+        limits = (0.0, 0.12 * (weight or _LARGEST_BODY_WEIGHT))
         cure = "is moment.unit right, or a spike?"
         found += outside(moment.where, "the largest moment", most, "N m", limits, cure)
     return list(dict.fromkeys(found))
@@ -285,7 +266,7 @@ def _rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
     if len(stamps) < 2:
         return []
     rate = NANOSECONDS / float(np.median(np.diff(stamps)))
-    return outside(where, "the number of rows a second", rate, "", _ROW_RATES, cure)
+    return outside(where, "the number of rows a second", rate, "", (5.0, 1e4), cure)
 
 
 def joint_doubts(series: TimeSeries) -> list[str]:
@@ -298,7 +279,7 @@ def joint_doubts(series: TimeSeries) -> list[str]:
 def torque_doubts(series: TimeSeries) -> list[str]:
     """List what is likely a mistake of an actuator's torque."""
     most = float(np.abs(series.values).max())
-    limits = (0.0, _LARGEST_TORQUE)
+    limits = (0.0, 300.0)
     return outside(series.where, "the largest torque", most, "N m", limits, _joint_cure(series))
 
 
@@ -312,19 +293,21 @@ def unusual(load: TimeSeries, weight: float | None) -> list[str]:
         return []
     peak = float(load.values.max())
     cure = "percent of body weight, kN, or a spike? Give a body weight to be sure"
-    return outside(load.where, "the peak", peak, "N", _USUAL_PEAKS, cure)
+    # A person whose weight is not known may be light or heavy.
+    return outside(load.where, "the peak", peak, "N", (400.0, 8000.0), cure)
 
 
 def _spike_doubts(load: TimeSeries, weight: float) -> list[str]:
     """Doubt about rows that are far above both neighbours."""
     inner = load.values[1:-1]
     beside = np.maximum(load.values[:-2], load.values[2:])
-    above = np.where(inner > _SPIKE_FACTOR * beside, inner - beside, 0.0)
+    # A spike is more than twice as high as both neighbouring rows, and above them by 1.5 body weights. Both are tuned.
+    above = np.where(inner > 2.0 * beside, inner - beside, 0.0)
     if not above.size:
         return []
     row = int(np.argmax(above))
     what = f"the step up to {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.7g} s"
-    limits = (0.0, _SPIKE_HEIGHT * weight)
+    limits = (0.0, 1.5 * weight)
     return outside(load.where, what, float(above[row]), "N", limits, "a spike?")
 
 

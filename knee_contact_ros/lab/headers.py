@@ -25,14 +25,11 @@ from knee_contact_ros.parameters.sections import Section, one_of
 from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import open_regular, require
 
-STORAGE_SUFFIXES = {".sto", ".mot"}
 PARQUET_SUFFIXES = {".parquet", ".pq"}
 END_OF_HEADER = "endheader"
 """Last line of a storage file's header"""
 COMMENT = "#"
 """Beginning of a comment in a text table"""
-_SEARCHED_LINES = 300
-"""Number of lines at the beginning of a text table that are searched for its column names"""
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))(?![^\s;])")
 """Beginning of a row whose time has a decimal comma"""
 
@@ -130,7 +127,7 @@ def header_of(path: Path, wanted: Collection[ColumnName], table_format: TableFor
         UsageError: the file cannot be read, or has no names.
     """
     suffix = path.suffix.lower()
-    if suffix in STORAGE_SUFFIXES:
+    if suffix in {".sto", ".mot"}:
         return storage_header(path)
     if suffix == ".c3d":
         return _c3d_header(path)
@@ -238,7 +235,8 @@ def _text_header(path: Path, wanted: Collection[ColumnName], table_format: Table
     """
     text, notes = _read_text(path, table_format.encoding)
     given = table_format.header_line
-    searched = islice(each_line(text), max(_SEARCHED_LINES, given or 0))
+    # The names are among the first 300 lines.
+    searched = islice(each_line(text), max(300, given or 0))
     lines = [line.rstrip("\n") for line in searched]
     filled = {number: line for number, line in enumerate(lines, start=1) if line.strip()}
     content = [number for number, line in filled.items() if not line.startswith(COMMENT)]

@@ -29,8 +29,6 @@ from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import work_folder
 
-_ANGLES_BEYOND = NANOSECONDS
-"""Time [ns] before and after the loads for which angles are kept: as long as `pairing.angle_delay` can be"""
 _GROUND_CHANNELS = (
     "ground_force_x",
     "ground_force",
@@ -453,6 +451,7 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
         wrenches["load"] = load._replace(values=load.values * upwards + 0.0)
     if "ground_force" in channels:
         wrenches["ground_force"] = _wrench(channels, _GROUND_CHANNELS, "ground_force", np.nan, gap)
+    # Angles are kept for a second before and after the loads, as long as `pairing.angle_delay` can be.
     gait = gait_bag.sampled(
         sensors.side,
         joints,
@@ -460,7 +459,7 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
         signals,
         rate=sensors.rate,
         max_gap=gap,
-        beyond=_ANGLES_BEYOND,
+        beyond=NANOSECONDS,
     )
     notes = dict.fromkeys(note for series in channels.values() for note in series.notes)
     columns = {

@@ -38,8 +38,6 @@ from knee_contact_ros.system.errors import UsageError
 
 _LAST_TIME = 2**31
 """First time [s] that a ROS stamp cannot hold"""
-_MOST_DUPLICATES = 0.1
-"""Largest fraction of rows that may have the same time as the next row. Tuned; see test_tables.py"""
 _FEW_CELLS = 3
 """Number of cells that show how a column writes its numbers. Tuned; see test_tables.py"""
 _UNIT_IN_NAME = re.compile(r"(?:[\[(]([^\[(\])]+)[\])]|_([a-zµ°%]+))$", re.IGNORECASE)
@@ -197,7 +195,8 @@ def read_columns(
     column = time_columns[0] if time_columns else time.column
     values = numbers[:, len(time_columns) :]
     table = _over_time(header, [str(name) for name in wanted], column, times + time.offset, values)
-    if table.duplicates > _MOST_DUPLICATES * len(numbers):
+    # OpenSim writes a row twice here and there; more than a tenth of them is another column.
+    if table.duplicates > 0.1 * len(numbers):
         raise UsageError(
             f"{path}: in {table.duplicates} of {len(numbers)} rows column {column} has the value of the next row; "
             f"is it the time, in {time.unit}, with enough digits?"

@@ -44,8 +44,6 @@ _FIRST_COLUMN = re.compile(r"(.*force.*_)vx", re.IGNORECASE)
 """Name of a force's first column, like `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
 _EXAMPLE_SIDES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
 """Side of each force plate in OpenSim's own examples, which do not name the foot"""
-_IN_THE_AIR = 10.0
-"""Vertical force [N] below which a foot counts as in the air: plates are noisy, and the centre of pressure undefined"""
 
 
 class FootForce(NamedTuple):
@@ -213,7 +211,8 @@ def about_ankle(ground: GroundFile, ankle: Floats) -> Signal:
     wrench = np.zeros((len(ankle), 6))
     for names in ground.forces:
         force = _vector(data, names.force)
-        stands = force[:, 1:2] >= _IN_THE_AIR
+        # Below 10 N a foot counts as in the air: plates are noisy, and the centre of pressure is undefined.
+        stands = force[:, 1:2] >= 10.0
         # In the air, a point may be NaN.
         standing = data._replace(values=np.where(stands, data.values, 0.0))
         arm = _vector(standing, names.point) - ankle

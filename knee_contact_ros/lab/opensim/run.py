@@ -30,10 +30,6 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import python_module, running
 from knee_contact_ros.system.progress import Bar
 
-_STATIC_RATE = 200.0
-"""Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes about 50 ms"""
-_EXIT_PATIENCE = 5.0
-"""Time that a step may take to end [s]"""
 _FAILURE = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 """Words of a log's line that reports a failure"""
 _MISSING_MESH = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
@@ -137,7 +133,8 @@ def _for_muscles(setup: Setup) -> Setup:
         return setup
     stamps = read_storage(setup.folder / setup.text("desired_kinematics_file")).stamps
     rate = (len(stamps) - 1) * NANOSECONDS / float(stamps[-1] - stamps[0])
-    interval = max(1, round(rate / _STATIC_RATE))
+    # 200 rows a second: forces are smooth in between, and a row takes about 50 ms.
+    interval = max(1, round(rate / 200.0))
     return static_setup(setup, setup.folder / "knee_contact_static.xml", interval)
 
 
@@ -146,7 +143,7 @@ def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -
     command = python_module(module, *arguments)
     with (
         log.open("wb") as output,
-        running(output=output, patience=_EXIT_PATIENCE, cwd=folder, **command) as process,
+        running(output=output, patience=5.0, cwd=folder, **command) as process,
     ):
         return process.wait()
 

@@ -36,7 +36,6 @@ from knee_contact_ros.view.picture import CURVES_STYLE, png_figure
 LABEL_WIDTH = 11
 """Width of a line's label on the terminal, with the space after it"""
 _PROFILE_COLOUR = "#0072B2"
-_SLICE_COLOUR = "0.6"
 _BONE_COLOUR = "#B08968"
 _CIRCLE_COLOURS = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
 _LARGEST_DISTANCES = {True: 40.0, False: 70.0}
@@ -286,7 +285,7 @@ def _draw_slice(axis: Any, found: ProfileFit) -> None:
         label = None if number else "bone"
         axis.plot(*piece.T, color=_BONE_COLOUR, linewidth=1.2, label=label)
     raw = (MM * found.smoothed.raw).T
-    axis.plot(*raw, "o", color=_SLICE_COLOUR, markersize=3.0, label="slice of the mesh")
+    axis.plot(*raw, "o", color="0.6", markersize=3.0, label="slice of the mesh")
     points = (MM * found.shape.points).T
     axis.plot(*points, color=_PROFILE_COLOUR, linewidth=1.6, label="profile")
     for each, colour in zip(found.circles, _CIRCLE_COLOURS, strict=False):

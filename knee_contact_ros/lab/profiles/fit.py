@@ -24,62 +24,26 @@ TOLERANCE = 0.05e-3
 """Default of the RMS distance from the slice that smoothing may add [m]"""
 SLAB = 2e-3
 """Default of the slab's half thickness [m]"""
-_LEAST_V = 0.01
-"""Lower bound of v for a femur, which keeps a profile convex: a curvature of about this over R"""
-_KNOT_DISTANCE = 2.5e-3
-"""Distance between the knots of v [m]"""
-_TILT_KNOT_DISTANCE = 10e-3
-"""Distance between the knots of the tilt across the slab [m]"""
-_BEND_DEGREE = 3
-"""Polynomial degree of the bend across the slab, as a function of the place"""
-_WORST_CONDITION = 10.0
-"""Condition number of the powers of the offsets below which tilt and bend are told apart from the profile: it is 4 for
-points all over the slab, 3 for three planes, and infinite for a bend over two planes or a tilt over a single one"""
-_GRID_PLACES = 2001
-"""Number of places at which a profile is computed"""
 _LEAST_PENALTY = -5.0
 """Decimal logarithm of the smallest penalty; with a smaller one a profile would follow the mesh's noise. Tuned"""
 _LARGEST_PENALTY = 4.0
 """Decimal logarithm of the largest penalty. Tuned"""
-_HALVINGS = 12
-"""Steps of the search between them"""
-_POINT_DISTANCE = 0.75e-3
-"""Distance between the points of a profile [m], or a little less; more than that on a curve beyond `_LONGEST_CURVE`"""
-_LONGEST_CURVE = 1.0
-"""Length of a curve [m] beyond which the number of points does not grow"""
-_PLACES_PER_POINT = 10
-"""Number of places per point at which the profile's spline is evaluated"""
 _FEMORAL_WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
 """Windows of circles: ranges of the direction of the outward normal [deg], 0 straight down, > 0 posterior. This is the
 flexion angle at which the place is in contact"""
 _TIBIAL_WINDOWS = ((0.15, 0.75), (0.2, 0.8), (0.25, 0.75), (0.3, 0.7))
 """Windows of circles: ranges of the plateau's width as fractions, from posterior"""
-_LEAST_PLACES = 8
-"""Smallest number of places to which a circle is fitted"""
 _FEMORAL_ZONE = (-15.0, 70.0)
 """Directions of a femur's normal [deg] where gait touches"""
 _TIBIAL_ZONE = (0.25, 0.75)
 """Fractions of a tibia's width where gait touches"""
-_MOST_OUTSIDE = 0.1
-"""Largest fraction of places where the bone may lie outside the cartilage, as meshes cross at the rims"""
-_THICKEST = 0.012
-"""Largest plausible thickness [m]: knee cartilage has about 2 mm, that of the patella up to 7 mm"""
 _FLATTEST_FEMUR = 0.35
 """Smallest ratio of height to width of a femur's slice: a condyle has about 0.8, a plateau 0.1 to 0.2"""
-_NOTABLE_DENT = 0.5
-"""Deviation of the slice from the profile [mm] above which it is reported"""
 GAIT_NORMALS = (0.0, 60.0)
 """Directions of the normal [deg] in contact in gait"""
-_LEAST_COVERED = 0.5
-"""Smallest fraction of them that a condyle covers"""
-_MOST_IN_FRONT = 40.0
-"""How much further a condyle's articular side may reach in front than behind [deg]. In a knee from MRI it reaches 12 to
-120 degrees further behind; only near the notch it reaches up to 33 further in front"""
 _PLAUSIBLE_RADII = ((12.0, math.inf), (10.0, 50.0), (9.0, 40.0))
 """Generous ranges of a condyle's radii over `_FEMORAL_WINDOWS` [mm]: in a knee from MRI they are 20 to 84, 15 to 26 and
 14 to 21 mm"""
-_LARGEST_RATIO = 1.2
-"""Largest ratio of the rear radius to the one near extension; from MRI it is 0.2 to 0.8"""
 _ROUGHEST = 1.0
 """Largest roughness [mm] of a slice that counts as a condyle or plateau"""
 
@@ -193,7 +157,7 @@ def fit(
         checks.check_medial_plateau(shape)
     cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
     remarks = (*surface.remarks, *slab_points.remarks)
-    if abs(off) >= _NOTABLE_DENT:
+    if abs(off) >= 0.5:  # mm
         remarks = (*remarks, f"the slice lies {dent}: a dent or a step?")
     return ProfileFit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
 
@@ -242,10 +206,13 @@ class _SliceChecks:
         what = f"{reach}, the share of what touches in gait ({begin:g}° to {end:g}°)"
         share = (min(high, end) - max(low, begin)) / (end - begin)
         cure = "--slice through a condyle, or see --axes"
-        self._check(what, share, "", (_LEAST_COVERED, 1.0), cure)
+        # A condyle covers at least half of the directions that touch in gait.
+        self._check(what, share, "", (0.5, 1.0), cure)
         what = f"{reach}, the reach in front beyond that behind"
         cure = f"is it the notch (--slice), or {exchanged}"
-        self._check(what, -low - high, "°", (-math.inf, _MOST_IN_FRONT), cure)
+        # In a knee from MRI a condyle reaches 12 to 120 degrees further behind than in front; only near the notch it
+        # reaches up to 33 further in front.
+        self._check(what, -low - high, "°", (-math.inf, 40.0), cure)
         radii = {each.window: MM * each.radius for each in circles}
         for window, limits in zip(_FEMORAL_WINDOWS, _PLAUSIBLE_RADII, strict=True):
             if window in radii:
@@ -253,7 +220,8 @@ class _SliceChecks:
                 self._check(what, radii[window], "mm", limits, f"is --unit right? {self.cure}")
         ratio = radii.get(_FEMORAL_WINDOWS[-1], 0.0) / radii.get(_FEMORAL_WINDOWS[0], math.inf)
         what = "its rear radius over that near extension"
-        self._check(what, ratio, "", (0.0, _LARGEST_RATIO), exchanged)
+        # From MRI the ratio is 0.2 to 0.8.
+        self._check(what, ratio, "", (0.0, 1.2), exchanged)
 
     def check_medial_plateau(self, shape: ProfileShape) -> None:
         """Check the profile of a medial tibia."""
@@ -279,16 +247,20 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     place = chart.place(slab.points)
     low = float(place.min())
     high = float(place.max())
-    grid = np.linspace(low, high, _GRID_PLACES)
-    v = _b_splines(grid, low, high, _KNOT_DISTANCE / chart.scale)
+    grid = np.linspace(low, high, 2001)
+    # Knots of v are 2.5 mm apart, those of the tilt across the slab 10 mm. Tuned; see test_profiles.py.
+    v = _b_splines(grid, low, high, 2.5e-3 / chart.scale)
     basis = chart.columns(grid, v)
     values, metres = chart.values(slab.points)
     columns = [make_interp_spline(grid, basis, k=1)(place)]  # linear in between
-    tilt = _b_splines(place, low, high, _TILT_KNOT_DISTANCE / chart.scale)
-    bend = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, _BEND_DEGREE)
+    tilt = _b_splines(place, low, high, 10e-3 / chart.scale)
+    # The bend across the slab is a cubic polynomial of the place.
+    bend = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, 3)
     powers = np.vander(slab.offsets / (np.abs(slab.offsets).max() or 1.0), 3, increasing=True)
     for power, across in enumerate((tilt, bend), 1):
-        if np.linalg.cond(powers[:, : power + 1]) < _WORST_CONDITION:
+        # Tilt and bend can be told apart from the profile where this is small: it is 4 for points all over the slab,
+        # 3 for three planes, and infinite for a bend over two planes or a tilt over a single one.
+        if np.linalg.cond(powers[:, : power + 1]) < 10.0:
             columns.append(slab.offsets[:, None] ** power * across)
     data = np.concatenate(columns, axis=1) * metres[:, None]
     bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
@@ -297,7 +269,8 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     penalty[:, of_v] = bends * chart.scale
     lower = np.full(data.shape[1], -np.inf)
     if chart.femur:
-        lower[of_v] = _LEAST_V
+        # This keeps a femur's profile convex: the curvature is at least about this over R.
+        lower[of_v] = 0.01
     orthogonal, triangle = np.linalg.qr(data)  # the same problem in as many rows as unknowns
     target = orthogonal.T @ (values * metres)
     rest = float(np.sum((values * metres - orthogonal @ target) ** 2))
@@ -316,7 +289,7 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     if solve(_LARGEST_PENALTY)[1] > allowed:
         best = _LEAST_PENALTY
         too_smooth = _LARGEST_PENALTY
-        for _ in range(_HALVINGS):
+        for _ in range(12):
             middle = 0.5 * (best + too_smooth)
             if solve(middle)[1] <= allowed:
                 best = middle
@@ -332,7 +305,8 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
 def _evenly(curve: Floats) -> Floats:
     """Return points at equal steps along a curve of shape (n, 2) [m]."""
     length = _chord_length(curve)
-    steps = math.ceil(min(_LONGEST_CURVE, length[-1]) / _POINT_DISTANCE)
+    # At most 0.75 mm; on a curve beyond 1 m they are larger, so that the number of points does not grow.
+    steps = math.ceil(min(1.0, length[-1]) / 0.75e-3)
     places = np.linspace(0.0, length[-1], steps + 1)
     return np.column_stack([np.interp(places, length, axis) for axis in curve.T])
 
@@ -370,7 +344,7 @@ def _shape_of(points: Floats) -> ProfileShape:
 
     length = _chord_length(points)
     spline = CubicSpline(length, points)
-    places = np.linspace(0.0, length[-1], _PLACES_PER_POINT * (len(points) - 1) + 1)
+    places = np.linspace(0.0, length[-1], 10 * (len(points) - 1) + 1)
     (x1, y1), (x2, y2) = spline(places, 1).T, spline(places, 2).T
     normal = -np.unwrap(np.arctan2(y1, x1))
     normal -= 2.0 * np.pi * np.round(np.median(normal) / (2.0 * np.pi))
@@ -387,7 +361,7 @@ def _circles(shape: ProfileShape, femur: bool) -> list[FittedCircle]:
     circles = []
     for low, high in windows:
         part = shape.points[(along >= low) & (along <= high)]
-        if len(part) >= _LEAST_PLACES and along.min() <= low + 1.0 and along.max() >= high - 1.0:
+        if len(part) >= 8 and along.min() <= low + 1.0 and along.max() >= high - 1.0:
             centre, radius = circle(part)
             convex = not femur and centre[1] <= part[:, 1].mean()
             circles.append(FittedCircle((low, high), -radius if convex else radius, part))
@@ -427,7 +401,9 @@ def _thickness(shape: ProfileShape, chart: Chart, bone: Surface, z: float) -> Th
     points = shape.points[zone]
     nearest = np.abs(chart.place(points)[:, None] - chart.place(middles)).argmin(axis=1)
     outside = float(np.mean(chart.outwards(middles)[nearest] > chart.outwards(points)))
-    if outside > _MOST_OUTSIDE or mean > _THICKEST:
+    # The bone may lie outside at a tenth of the places, as meshes cross at the rims. Knee cartilage has about 2 mm,
+    # that of the patella up to 7 mm.
+    if outside > 0.1 or mean > 0.012:
         raise UsageError(
             f"--bone {bone.path} is not behind the cartilage (distance {MM * mean:.1f} mm on average): "
             "MESH must be the cartilage's surface, --bone the bone's, both in the same axes and --unit"

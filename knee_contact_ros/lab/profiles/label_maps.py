@@ -37,8 +37,6 @@ _DECODERS: dict[str, Callable[[bytes], bytes]] = {
 }
 """Functions that unpack the voxels, by the encodings in headers"""
 _NUMBER = re.compile(r"[-+0-9.eE]+")
-_LARGEST_VOXEL = 32
-"""Largest number of bytes of a voxel in a text; in other encodings it has fewer"""
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 """Factors of units of length to mm"""
 
@@ -145,7 +143,8 @@ def _read_meta_image(path: Path) -> LabelMap:
 def _data_file(path: Path, sizes: str) -> bytes:
     """Read the file that a header names, as far as the voxels of the given sizes may reach."""
     with open_regular(path) as file:
-        return file.read(_LARGEST_VOXEL * math.prod(_shape(sizes)))
+        # A voxel has at most 32 B as text, and fewer in other encodings.
+        return file.read(32 * math.prod(_shape(sizes)))
 
 
 def _fields(head: bytes, mark: str) -> dict[str, str]:

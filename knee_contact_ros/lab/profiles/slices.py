@@ -23,12 +23,6 @@ _LEAST_POINTS = 12
 """Smallest number of points of a slice"""
 _POINTS_AT_ONCE = 256
 """Number of points compared with all segments at a time, as the table would be large for more"""
-_LEAST_LENGTH = 0.5e-3
-"""Length [m] above which left-out lines are reported"""
-_GAIT_FLEXION = np.radians(np.linspace(0.0, 60.0, 25))
-"""Flexion angles [rad] of gait"""
-_NEARLY_LOWEST = 0.2e-3
-"""Points up to this height [m] above the lowest one count as lowest, as noise moves single points"""
 _PLACE_STEP = 1e-4
 """Step [m] to which the place of an automatic slice is rounded"""
 
@@ -129,7 +123,8 @@ def _articular(lines: CutLines, chart: Chart) -> tuple[Floats, list[str]]:
     best = int(visible.argmax())
     chosen = (lines.numbers == best) & seen
     points = np.unique(np.concatenate([lines.begins[chosen], lines.ends[chosen]]), axis=0)
-    if lengths.sum() - visible[best] <= _LEAST_LENGTH:
+    # What is shorter than 0.5 mm is not worth a remark.
+    if lengths.sum() - visible[best] <= 0.5e-3:
         return points, []
     return points, [
         f"{MM * visible[best]:.1f} of {MM * lengths.sum():.1f} mm of the slice are used, the outer side of one "
@@ -197,9 +192,11 @@ def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
     if femur:
         points = surface.points[side]
         places = []
-        for angle in _GAIT_FLEXION:
+        # The flexion of gait.
+        for angle in np.radians(np.linspace(0.0, 60.0, 25)):
             height = np.sin(angle) * points[:, 0] + np.cos(angle) * points[:, 1]
-            places.append(points[height <= height.min() + _NEARLY_LOWEST, 2].mean())
+            # Noise moves single points, so all within 0.2 mm of the lowest one count.
+            places.append(points[height <= height.min() + 0.2e-3, 2].mean())
         z = np.mean(places)
     else:
         corners = surface.points[surface.triangles[side[surface.triangles].all(axis=1)]]

@@ -24,17 +24,11 @@ from knee_contact_ros.system.errors import UsageError, list_names
 _MESH_UNITS = ("m", "mm", "cm")
 _PLAUSIBLE_SIZES = (0.008, 0.7)
 """Generous range of the longest edge of the box around a cartilage or bone of the knee [m]"""
-_USUAL_SIZE = 0.07
-"""Typical longest edge [m]: the width of a knee"""
 _CLOUD_SUFFIXES = (".txt", ".xyz", ".csv", ".asc", ".dat")
-_CONTOUR_LEVEL = 0.5
-"""Level of the contour between voxels of 1 and voxels of 0"""
 _BODY_AXES = "x,y,z"
 """Axes of a mesh in a body's frame"""
 _SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
 """What 3D Slicer writes into the header of a mesh: the sides to which its x, y and z point"""
-_SEARCHED_BYTES = 1024
-"""Number of bytes at the beginning of a file that are searched for it"""
 _AXES_HINT = (
     "a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes=-y,z,-x in LPS, a left one's have the "
     "other sign of x"
@@ -167,7 +161,8 @@ def _check_size(path: Path, points: Floats, unit: str) -> None:
         raise UsageError(f"{path} has a point that is not finite")
     largest = float(np.ptp(points, axis=0).max())
     sizes = {name: largest * UNIT_FACTORS["length"][name] for name in _MESH_UNITS}
-    likely = min(sizes, key=lambda name: abs(math.log(max(sizes[name], 1e-12) / _USUAL_SIZE)))
+    # A knee is 7 cm wide.
+    likely = min(sizes, key=lambda name: abs(math.log(max(sizes[name], 1e-12) / 0.07)))
     fits = _PLAUSIBLE_SIZES[0] <= sizes[likely] <= _PLAUSIBLE_SIZES[1]
     cure = f"likely it is in {likely}, --unit {likely}" if fits else "scale it to m or mm first"
     what = f"its largest extent with --unit {unit}"
@@ -184,7 +179,7 @@ def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
             warnings.simplefilter("ignore")
             points, triangles, space = _MESH_READERS[kind](path)
         with path.open("rb") as file:
-            stated = _SPACE.search(file.read(_SEARCHED_BYTES).decode("latin-1"))
+            stated = _SPACE.search(file.read(1024).decode("latin-1"))
     except Exception as error:  # the libraries raise what they like
         raise UsageError(
             f"{path} cannot be read as a {kind} file: {' '.join(str(error).split())[:200]}"
@@ -280,7 +275,7 @@ def _around_label(path: Path, label: int | None, axes: str | None) -> tuple[Floa
     padded = np.pad(values == wanted, 1).astype(np.float32)
     grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
     grid.point_data["inside"] = padded.ravel(order="F")
-    mesh = grid.contour([_CONTOUR_LEVEL], scalars="inside").triangulate()
+    mesh = grid.contour([0.5], scalars="inside").triangulate()
     if lacks and axes is None:
         raise UsageError(
             f"{path} has no orientation ({lacks}): export it with one, or name by --axes which axes of its voxels "

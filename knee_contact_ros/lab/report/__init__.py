@@ -40,10 +40,7 @@ from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import warn
 
-_OLDEST_MATPLOTLIB = (3, 7)
-"""Oldest version of matplotlib that puts legends outside of axes; Ubuntu 24.04 has 3.6"""
 _PAGE = "report.html"
-_TEMPLATE = "report.html.jinja"
 _UNCERTAINTY_FILE = "uncertainty.csv"
 _PICTURES = (
     "knee_[0-9]*",
@@ -54,8 +51,6 @@ _PICTURES = (
 """Patterns of the names of the pictures, without their suffix"""
 _EARLIER_FILES = (*(f"{name}.png" for name in _PICTURES), _UNCERTAINTY_FILE)
 """Patterns of the files of an earlier report that are removed"""
-_IMPLAUSIBLE_MARK = " (implausible)"
-"""Mark of values from a tick that is `IMPLAUSIBLE`"""
 UNCERTAINTY_COLUMNS = (
     "input",
     "standard_deviation",
@@ -111,7 +106,8 @@ def run_report(options: ReportOptions, output: Path) -> list[Path]:
     """
     import matplotlib as mpl
 
-    if mpl.__version_info__[:2] < _OLDEST_MATPLOTLIB:
+    # Older versions cannot put legends outside of axes; Ubuntu 24.04 has 3.6.
+    if mpl.__version_info__[:2] < (3, 7):
         raise UsageError(f"matplotlib {mpl.__version__} is too old; {install_command('report')}")
     if options.labels and len(options.labels) != len(options.files):
         raise UsageError(
@@ -160,7 +156,7 @@ def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     bases = [run for run in found if run.beside is None]
     loads = (figures.which_load(run.parameters) for run in found if not run.prescribed)
-    page = environment.get_template(_TEMPLATE).render(
+    page = environment.get_template("report.html.jinja").render(
         title=f"Knee contact: {', '.join(run.name for run in bases)}",
         lead=_lead(bases),
         loads="; ".join(dict.fromkeys(loads)),
@@ -260,7 +256,7 @@ def _largest_values(run: ReportRun) -> list[tuple[str, str]]:
 
 def _implausible(status: Any) -> str:
     """Return the mark of a value if one of the ticks that it comes from is implausible."""
-    return _IMPLAUSIBLE_MARK if np.any(status & int(Status.IMPLAUSIBLE)) else ""
+    return " (implausible)" if np.any(status & int(Status.IMPLAUSIBLE)) else ""
 
 
 def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:

@@ -34,36 +34,16 @@ MICRO = 1e6
 _HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
 """Colours of runs and of uncertain inputs, by Okabe and Ito: colour-blind readers can distinguish them"""
 _DOTS_PER_INCH = 200
-_LEGEND_LINE = 0.19
-"""Height of a legend line [in]"""
 _LEGEND_LETTERS = 50
 """Number of letters of a legend line"""
 _WIDTH = 4.4
 """Width of a figure [in]: small, so that text stays readable on a phone"""
-_CYCLE_HEIGHT = 2.9
-"""Height of a figure over a cycle, without legend [in]"""
-_TIME_HEIGHT = 5.2
-"""Height of a figure over time [in]"""
-_UNCERTAINTY_HEIGHT = 6.0
-"""Height of a figure of uncertainty, without legend [in]"""
-_KNEE_HEIGHT = 3.0
-"""Height of a knee [in]"""
-_LEAST_MOTION = 0.01
-"""Smallest motion of the contact point [mm] for which it is drawn"""
-_MOST_CYCLES = 12
-"""Largest number of single cycles drawn, as more cannot be distinguished"""
-_MOST_EVENTS = 60
-"""Largest number of gait events marked"""
-_FEW_POINTS = 20
-"""Number of points below which each one is marked, as a line alone may be invisible"""
 _EVENT_LINES = {
     HEEL_STRIKE: {"color": "0.25", "linestyle": "-"},
     TOE_OFF: {"color": "0.25", "linestyle": ":"},
 }
 _BONE_LINE: Any = {"color": "0.35", "linestyle": ":", "linewidth": 1.2}
 """Line of the depth where bone begins"""
-_SHOWN_TIME = 1.0
-"""Time [s] that a figure of uncertainty shows on either side of the largest load or contact force"""
 _LEAST_EFFECT = 1e-3
 """Smallest deviation of the depth in it [µm]"""
 ALL_INPUTS = "all of them together"
@@ -205,9 +185,8 @@ def pressure_of(run: ReportRun) -> str:
 
 def moves(cyclic: Sequence[ReportRun]) -> bool:
     """Whether the contact point moves along the plateau in any of the runs."""
-    return any(
-        float(np.ptp(cycles_of(run, _POINT).mean(axis=0))) > _LEAST_MOTION for run in cyclic
-    )
+    # A smaller motion, in mm, is not drawn.
+    return any(float(np.ptp(cycles_of(run, _POINT).mean(axis=0))) > 0.01 for run in cyclic)
 
 
 def cycle_figures(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> list[Figure]:
@@ -224,7 +203,7 @@ def cycle_figures(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> lis
         known = [run for run in known if np.isfinite(cycles_of(run, what)).any()]
         if known and (what is not _POINT or moves(known)):
             title = f"{what.title} over the gait cycle"
-            with drawn(figures, what.figure, title, lines + caption, _CYCLE_HEIGHT) as canvas:
+            with drawn(figures, what.figure, title, lines + caption, 2.9) as canvas:
                 _draw_cycles(canvas, runs, known, what)
     return figures
 
@@ -266,10 +245,11 @@ def time_figures(runs: Sequence[ReportRun]) -> list[Figure]:
         events = group[0].gathered.events
         marks = events[events["event"].isin(list(_EVENT_LINES))]
         caption = ""
-        if 0 < len(marks) <= _MOST_EVENTS:
+        # More lines cannot be distinguished.
+        if 0 < len(marks) <= 60:
             caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found."
         title = f"{group[0].name} over time"
-        with drawn(figures, f"over_time_{number}", title, caption, _TIME_HEIGHT) as canvas:
+        with drawn(figures, f"over_time_{number}", title, caption, 5.2) as canvas:
             axes = canvas.subplots(3, 1, sharex=True)
             for axis, what in zip(axes, (_FLEXION, _FORCE, _DEPTH), strict=True):
                 # A comparison has the same flexion.
@@ -291,7 +271,8 @@ def _draw_course(axis: Any, runs: Sequence[ReportRun], run: ReportRun, what: Qua
     values = what.scaled(run.gathered.columns[what.field], run.weight)
     look = _look(runs, run)
     look["linewidth"] *= 0.7
-    look["marker"] = "." if len(time) < _FEW_POINTS else None
+    # A line of few points alone may be invisible.
+    look["marker"] = "." if len(time) < 20 else None
     axis.plot(time, values, **look, label=_plain(run.label))
     if what is _DEPTH and run.has_bone:
         axis.axhline(MM * run.parameters.contact.layer_depth, **_BONE_LINE)
@@ -311,7 +292,7 @@ def knee_figures(runs: Sequence[ReportRun]) -> list[Figure]:
             continue
         titles = [title for title, _ in _drawn_peaks(group[0])]
         name = f"The knee at the peaks: {group[0].name}"
-        height = _KNEE_HEIGHT * len(group)
+        height = 3.0 * len(group)
         with drawn(figures, f"knee_{number}", name, caption, height) as canvas:
             rows = canvas.subplots(len(group), len(titles), squeeze=False)
             for row, run, model in zip(rows, group, models, strict=True):
@@ -353,7 +334,7 @@ def uncertainty_figures(runs: Sequence[ReportRun]) -> list[Figure]:
     for number, (run, of) in enumerate(known, start=1):
         name = f"uncertainty_{number}"
         title = f"Uncertainty: {run.label}"
-        with drawn(figures, name, title, caption, _UNCERTAINTY_HEIGHT) as canvas:
+        with drawn(figures, name, title, caption, 6.0) as canvas:
             _draw_uncertainty(canvas, run, of)
     return figures
 
@@ -362,7 +343,8 @@ def _draw_uncertainty(canvas: Any, run: ReportRun, of: Propagated) -> None:
     """Draw depth and force with their intervals, and below them the effects of the inputs on the depth."""
     since = (of.rows["stamp"] - of.rows["stamp"][0]) / NANOSECONDS
     largest = since[int(of.rows[run.gathered.driving].argmax())]
-    shown = np.abs(since - largest) <= _SHOWN_TIME
+    # A second on either side.
+    shown = np.abs(since - largest) <= 1.0
     time = since[shown]
     above, middle, below = canvas.subplots(3, 1, sharex=True)
     for axis, edges, values, unit, text in (
@@ -419,7 +401,8 @@ def _legend(canvas: Any, axis: Any) -> None:
     canvas.legend(once.values(), once.keys(), loc="outside lower center", ncols=columns)
     width, height = canvas.get_size_inches()
     lines = -(-sum(1 + label.count("\n") for label in once) // columns)
-    canvas.set_size_inches(width, height + _LEGEND_LINE * lines)
+    # A line of the legend is 0.19 in high.
+    canvas.set_size_inches(width, height + 0.19 * lines)
 
 
 def _plain(label: str) -> str:
@@ -443,7 +426,8 @@ def _draw_cycles(
             shade: Any = {"color": look["color"], "alpha": 0.15, "linewidth": 0}
             axis.fill_between(CYCLE_PERCENT, mean - spread, mean + spread, **shade)
             thin = look | {"linewidth": 0.5, "alpha": 0.5}
-            axis.plot(CYCLE_PERCENT, values[:_MOST_CYCLES].T, **thin)
+            # More than 12 single cycles cannot be distinguished.
+            axis.plot(CYCLE_PERCENT, values[:12].T, **thin)
         axis.plot(CYCLE_PERCENT, mean, **look, label=_plain(run.label))
     # A comparison has the same stance.
     stances = list({run.gathered.strides["stance_percent"].mean() for run in cyclic})

@@ -61,8 +61,6 @@ _LAW_SECTION = "contact."
 """Beginning of the names of parameters that a comparison changes"""
 NO_VALUE = "–"
 """Text for a constant that a law does not have"""
-_UNKNOWN_VALUE = "not known"
-"""Text for a value that a recording without parameters leaves unknown"""
 
 
 class ReportOptions(NamedTuple):
@@ -134,7 +132,8 @@ def differences(several: Sequence[Parameters | None], join: str = ", ") -> list[
     lines = []
     for name in names:
         if any(row.get(name) != rows[0].get(name) for row in rows):
-            texts = [value_text(row.get(name)) if row else _UNKNOWN_VALUE for row in rows]
+            # A recording without parameters leaves its values unknown.
+            texts = [value_text(row.get(name)) if row else "not known" for row in rows]
             unit = files.known_parameters()[name].unit.replace("exponent", "n")
             lines.append(f"{name}: {join.join(texts)} {unit}".strip())
     return lines
