@@ -24,8 +24,12 @@ from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
+from knee_contact_ros.lab.calibrate.contact_problem import (
+    fittable,
+    make_contact_problem,
+    measured_from,
+)
 from knee_contact_ros.lab.calibrate.fit import Fit, scale_misfits
-from knee_contact_ros.lab.calibrate.problems import fittable, measured_from, problem_of
 from knee_contact_ros.lab.calibrate.unknowns import unknowns_of
 from knee_contact_ros.parameters.files import load_parameters
 from studies.reference import LAWS, Knee, Solution, solve
@@ -361,7 +365,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
         made(name, case, np.random.default_rng(0)),
     )
     measured = measured_from(table, parameters.drive)
-    problem = problem_of(
+    problem = make_contact_problem(
         parameters, measured, unknowns_of(list(case.free), fittable(), parameters, name), True
     )
     slopes = Fit.at_start(problem, "linear", case.noise).slopes

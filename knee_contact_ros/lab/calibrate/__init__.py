@@ -15,7 +15,7 @@ import numpy as np
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.folder import MAGICS, files_of
 from knee_contact_ros.bags.names import names_in_bag
-from knee_contact_ros.lab.calibrate import problems
+from knee_contact_ros.lab.calibrate import contact_problem, load_problem
 from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, Problem, find_fit
 from knee_contact_ros.lab.calibrate.intervals import Interval, doubts, find_intervals
 from knee_contact_ros.lab.calibrate.unknowns import Free, Unknown, unknowns_of
@@ -39,7 +39,7 @@ from knee_contact_ros.system.output_files import (
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
 
-MEASURED_UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
+MEASURED_UNITS = contact_problem.ANSWER_UNITS | {load_problem.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
 MAX_INTERVAL_ROUNDS = 3
 """Largest number of times that intervals are computed: again whenever a better fit is found meanwhile"""
@@ -196,7 +196,7 @@ def calibrate(
     measured = problem.measured
     residuals = {name: answers[name] - column for name, column in measured.answers.items()}
     with progress("Leaving one out") as advance:
-        remarks, also, further = problem.conclusions(
+        conclusions = problem.conclusions(
             found, lambda others: find_fit(others, loss, fit.noise, 1, advance).values()
         )
     return Calibration(
@@ -211,10 +211,10 @@ def calibrate(
         {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()},
         residuals,
         answers,
-        (*warnings, *doubts(fit, intervals, level), *further),
+        (*warnings, *doubts(fit, intervals, level), *conclusions.doubts),
         loss,
-        tuple(remarks),
-        also,
+        tuple(conclusions.remarks),
+        conclusions.parameters,
     )
 
 
@@ -286,22 +286,22 @@ def _problem(
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if bags:
         person = parameters_for(bags[0], sources, namespace, LoadParameters)
-        unknowns = unknowns_of(free, problems.FITTABLE, person, f"bag {bags[0]}")
+        unknowns = unknowns_of(free, load_problem.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
-            return problems.load_problem_of(
-                person, problems.referenced(bags, person, names, advance), unknowns
+            return load_problem.make_load_problem(
+                person, load_problem.read_referenced(bags, person, names, advance), unknowns
             )
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
     knee = load_parameters(sources)
     data = data[0] if isinstance(data, list | tuple) and len(data) == 1 else data
     if isinstance(data, str | PathLike):
-        measured = problems.read_measured(Path(expand_user(str(data))), knee.drive)
+        measured = contact_problem.read_measured(Path(expand_user(str(data))), knee.drive)
     else:
-        measured = problems.measured_from(data, knee.drive)
-    unknowns = unknowns_of(free, problems.fittable(), knee, measured.source)
-    return problems.problem_of(knee, measured, unknowns, compiled)
+        measured = contact_problem.measured_from(data, knee.drive)
+    unknowns = unknowns_of(free, contact_problem.fittable(), knee, measured.source)
+    return contact_problem.make_contact_problem(knee, measured, unknowns, compiled)
 
 
 def run_calibrate(

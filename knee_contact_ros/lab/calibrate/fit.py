@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -106,6 +106,17 @@ class Data:
         return sum(int(np.isfinite(column).sum()) for column in self.answers.values())
 
 
+class Conclusions(NamedTuple):
+    """What follows from a fit."""
+
+    remarks: list[str]
+    """Remarks, a line each"""
+    parameters: dict[str, Any]
+    """Further parameters for the file, by name"""
+    doubts: list[str]
+    """Doubts, a sentence each"""
+
+
 @dataclass(frozen=True)
 class Problem:
     """A model with free parameters, and the measurements to fit; subclasses are the models."""
@@ -125,10 +136,8 @@ class Problem:
         """Compute the answers in full, as `calibrate` returns them."""
         raise NotImplementedError
 
-    def conclusions(
-        self, values: Values, refit: Callable[[Problem], Values]
-    ) -> tuple[list[str], dict[str, Any], list[str]]:
-        """Return remarks on a fit, parameters that follow from it, and doubts; `refit` fits another such problem."""
+    def conclusions(self, values: Values, refit: Callable[[Problem], Values]) -> Conclusions:
+        """Return what follows from a fit; `refit` fits another such problem."""
         raise NotImplementedError
 
     def misfits(self, values: Values) -> dict[str, Floats]:

@@ -11,7 +11,7 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate, load_model
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.calibrate.problems import read_measured
+from knee_contact_ros.lab.calibrate.contact_problem import read_measured
 from knee_contact_ros.parameters.files import values_set_in
 from tests.lab.calibrate.trials import FINE, START, TRUE, answers, inputs, trial, written
 
