@@ -99,10 +99,12 @@ class Shell:
     """A shell in a folder, which keeps its variables and jobs from block to block."""
 
     def __init__(self, folder: Path, programs: Path, domain: int) -> None:
-        self.domain, self.printed = domain, dict[str, str]()
+        self.programs = programs
+        self.domain = domain
+        self.printed: dict[str, str] = {}
         environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
         environment |= {
-            "PATH": f"{programs}:{sys.prefix}/bin:{environment['PATH']}",
+            "PATH": f"{sys.prefix}/bin:{environment['PATH']}",
             "MPLBACKEND": "Agg",
             "COLUMNS": "120",
         }
@@ -122,7 +124,8 @@ class Shell:
         assert self.process.stdin
         assert self.process.stdout
         text = re.sub(r"ROS_DOMAIN_ID=\d+", f"ROS_DOMAIN_ID={self.domain}", text)
-        self.process.stdin.write(f"{{ {text}\n}} < /dev/null\necho '{END}'\n")
+        path = f"PATH={self.programs}:$PATH"  # before that of an environment that a page activates
+        self.process.stdin.write(f"{path}\n{{ {text}\n}} < /dev/null\necho '{END}'\n")
         self.process.stdin.flush()
         timer = threading.Timer(TIMEOUT, self.close)
         timer.start()
@@ -157,7 +160,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="session")
 def programs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A folder with a `knee-contact` that starts at once; what an activated environment has is the installed one."""
+    """A folder with a `knee-contact` that starts at once; `make demo` runs the installed one."""
     with warm_commands(tmp_path_factory.mktemp("warm")) as programs:
         yield programs
 
