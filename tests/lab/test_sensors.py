@@ -69,7 +69,9 @@ def in_a_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def test_columns_become_what_the_node_listens_to(importing: Importing, capsys: Capture) -> None:
+def test_columns_become_the_messages_that_the_node_reads(
+    importing: Importing, capsys: Capture
+) -> None:
     table = cells()
     assert importing(table) == 0
     assert "goniometer_deg of cells.csv" in capsys.readouterr().out
@@ -192,7 +194,7 @@ WAYS: dict[str, tuple[str | bytes, str]] = {
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_what_programs_and_loggers_write(importing: Importing, name: str) -> None:
+def test_files_of_programs_and_loggers_are_read(importing: Importing, name: str) -> None:
     assert importing(*WAYS[name]) == 0
     angles, forces = content()
     time = np.arange(150) / 50.0
@@ -299,7 +301,7 @@ def test_tables_that_could_be_misread_are_refused(
     assert words in capsys.readouterr().err
 
 
-def test_units_may_be_spelt_otherwise_or_converted_and_unknown_ones_are_told(
+def test_units_may_be_spelt_differently_or_converted_and_unknown_ones_are_noted(
     importing: Importing, capsys: Capture
 ) -> None:
     kilo = rows("{0:.2f},{1:.3f},{2:.2f},0.010").replace("\n", ",N/A\n")
@@ -618,7 +620,7 @@ REFUSED: dict[str, tuple[Any, str, str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_damaged_or_mislabelled_is_told(
+def test_damaged_or_mislabelled_files_are_refused(
     importing: Importing, capsys: Capture, name: str
 ) -> None:
     made, text, words = REFUSED[name]
@@ -630,7 +632,7 @@ def test_what_is_damaged_or_mislabelled_is_told(
     assert {path.name for path in Path().iterdir()} == {"cells.csv", "map.yaml"}
 
 
-def test_what_is_likely_a_mistake_is_written_only_if_the_user_insists(
+def test_likely_mistakes_are_imported_only_if_the_user_insists(
     importing: Importing, capsys: Capture
 ) -> None:
     assert importing(SPOILT["pounds given as newtons"][0](cells()), MAP, "--anyway") == 0

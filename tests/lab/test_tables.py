@@ -91,7 +91,7 @@ def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path: Path, stray:
         (None, None, "No such file"),
     ],
 )
-def test_what_is_no_storage_file_is_refused_in_a_line(
+def test_other_files_are_no_storage_files(
     tmp_path: Path, old: str | None, new: str | None, says: str
 ) -> None:
     path = write_storage(tmp_path / "bad.sto", TIME, {"a": VALUES, "b": VALUES})
@@ -238,7 +238,7 @@ def test_a_cell_with_a_mark_of_two_meanings_is_named(
 
 
 @pytest.mark.parametrize("text", ["1_000", "0x10", "1e5x", "--1", "1.2.3", "1,2,3", "true", "١٢x"])
-def test_what_is_no_number_is_told_with_its_line(tmp_path: Path, text: str) -> None:
+def test_a_cell_without_a_number_is_named_with_its_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "a.csv"
     path.write_text(f"time;x\n0;1\n1;{text}\n", encoding="utf-8")
     with pytest.raises(UsageError, match=r"line 3, column x: .* is not a number"):

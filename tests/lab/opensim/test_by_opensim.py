@@ -69,15 +69,14 @@ def example(reference_data: Path, tmp_path: Path) -> Path:
     return folder
 
 
+def run_tool(tool: str, setup: str, folder: Path) -> None:
+    assert run_python(child.__name__, (tool, setup), folder, folder / "log") == 0
+
+
 @pytest.fixture
 def scaled(example: Path) -> Path:
     """The example with the subject's model, subject01_simbody.osim."""
-    assert (
-        run_python(
-            child.__name__, ("ScaleTool", "subject01_Setup_Scale.xml"), example, example / "log"
-        )
-        == 0
-    )
+    run_tool("ScaleTool", "subject01_Setup_Scale.xml", example)
     return example
 
 
@@ -100,9 +99,7 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(
     shutil.copyfile(example / KINEMATICS, tmp_path / "q.sto")
     analyses = "".join(REACTION.format(*kind, side[0]) for kind in kinds)
     (tmp_path / "setup.xml").write_text(EXPRESSED.format(analyses))
-    assert (
-        run_python(child.__name__, ("AnalyzeTool", "setup.xml"), tmp_path, tmp_path / "log") == 0
-    )
+    run_tool("AnalyzeTool", "setup.xml", tmp_path)
     found = {}
     for kind in kinds:
         reactions = tmp_path / f"x_{'_'.join(kind)}_ReactionLoads.sto"
@@ -171,7 +168,7 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(
         read_knee("right", parts_of._replace(model=None), ImportSettings(), tmp_path)
 
 
-def test_a_model_whose_coordinates_are_not_all_known_turns_nothing(
+def test_a_model_needs_all_coordinates_between_two_frames(
     reference_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Ground needs the whole leg and the pelvis; Moco's reactions are in ground."""
@@ -217,27 +214,14 @@ def test_a_model_whose_coordinates_are_not_all_known_turns_nothing(
 
 
 def command(folder: Path, output: Path, *more: str) -> list[str]:
-    return [
-        "import-opensim",
-        "--setup",
-        str(folder),
-        "--side",
-        "right",
-        "--output",
-        str(output),
-        *more,
-    ]
+    return ["import-opensim", f"--setup={folder}", "--side=right", f"--output={output}", *more]
 
 
 def of_results(folder: Path, ground: Path, output: Path) -> list[str]:
     names = {"kinematics": folder / KINEMATICS, "reactions": folder / REACTIONS}
     names |= {"model": folder / "subject01_simbody.osim", "ground": ground, "output": output}
-    return [
-        "import-opensim",
-        *(f"--{name}={path}" for name, path in names.items()),
-        "--side",
-        "both",
-    ]
+    options = [f"--{name}={path}" for name, path in names.items()]
+    return ["import-opensim", *options, "--side=both"]
 
 
 def loads_in(bag: Path) -> list[float]:
@@ -310,12 +294,7 @@ def moments(folder: Path) -> Path:
     base = read_setup(folder / "subject01_Setup_CMC.xml")
     assert isinstance(base, Setup)
     setup = dynamics_setup(base, folder / "dynamics.xml", KINEMATICS, (0.53, 2.46))
-    assert (
-        run_python(
-            child.__name__, ("InverseDynamicsTool", setup.path.name), folder, folder / "log"
-        )
-        == 0
-    )
+    run_tool("InverseDynamicsTool", setup.path.name, folder)
     return folder / setup.results / "moments.sto"
 
 

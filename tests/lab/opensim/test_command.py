@@ -35,11 +35,8 @@ def results(tmp_path: Path) -> list[str]:
 def origin(bag: Path) -> dict[str, str]:
     (path,) = bag.glob("*.mcap")
     with path.open("rb") as file:
-        return next(
-            record.metadata
-            for record in make_reader(file).iter_metadata()
-            if record.name == "origin"
-        )
+        records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    return records["origin"]
 
 
 def test_a_bag_comes_out_that_solve_takes(
@@ -128,61 +125,40 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
 
 
 MISSING = not_installed("opensim", "opensim")
-MODEL = ["--model", "m.osim"]
-ONE_SIDE = [
-    "--kinematics",
-    "q.sto",
-    "--reactions",
-    "jr.sto",
-    "--side",
-    "right",
-    "--output",
-    "walk",
-]
+ONE_SIDE = "--kinematics=q.sto --reactions=jr.sto --side=right --output=walk"
+LATE = "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([*ONE_SIDE, "--joint", "hip_r"], "no joint hip_r (--joint); it has knee_r, knee_l"),
+        (f"{ONE_SIDE} --joint hip_r", "no joint hip_r (--joint); it has knee_r, knee_l"),
         (
-            [*ONE_SIDE, "--kinematics", "cut.sto"],
+            f"{ONE_SIDE} --kinematics cut.sto",
             "120 rows, and its header says nRows=121: is it cut off? (--anyway",
         ),
-        ([*ONE_SIDE, "--rate", "-1"], "-1.0 is not in the range 0.0<=x<=10000.0"),
-        ([*ONE_SIDE, "--start", "nan"], "'--start': nan is not a finite number"),
-        ([*ONE_SIDE, "--speeds", "none.sto"], "cannot read none.sto: No such file"),
-        ([*ONE_SIDE, "--setup", "."], "--kinematics and --setup cannot be given together"),
-        ([*ONE_SIDE, "--steps", "ik"], "--steps and --work need --setup"),
+        (f"{ONE_SIDE} --rate -1", "-1.0 is not in the range 0.0<=x<=10000.0"),
+        (f"{ONE_SIDE} --start nan", "'--start': nan is not a finite number"),
+        (f"{ONE_SIDE} --speeds none.sto", "cannot read none.sto: No such file"),
+        (f"{ONE_SIDE} --setup .", "--kinematics and --setup cannot be given together"),
+        (f"{ONE_SIDE} --steps ik", "--steps and --work need --setup"),
         (
-            ["--kinematics", "q.sto", *ONE_SIDE[4:]],
+            "--kinematics=q.sto --side=right --output=walk",
             "--reactions FILE is missing; or give --setup FOLDER",
         ),
+        (f"{ONE_SIDE} --side both --joint knee_r", "give --side right or left with them"),
+        (f"{ONE_SIDE} --output walk.mcap", "as a folder; give its name without .mcap"),
+        (f"{ONE_SIDE} --output jr.sto --overwrite", "is a file and not a bag's folder"),
+        ("--kinematics=q.sto --reactions=jr.sto --output=walk", "--side"),
+        (f"{ONE_SIDE} --ground late.xml", "--ground needs --model M.osim, to find the ankle"),
         (
-            [*ONE_SIDE, "--side", "both", "--joint", "knee_r"],
-            "give --side right or left with them",
-        ),
-        (
-            [*ONE_SIDE, "--output", "walk.mcap"],
-            "a bag is written as a folder; give its name without .mcap",
-        ),
-        ([*ONE_SIDE, "--output", "jr.sto", "--overwrite"], "is a file and not a bag's folder"),
-        ([*ONE_SIDE[:4], *ONE_SIDE[6:]], "--side"),
-        ([*ONE_SIDE, "--ground", "late.xml"], "--ground needs --model M.osim, to find the ankle"),
-        (
-            [*ONE_SIDE, "--ground", *MODEL],
+            f"{ONE_SIDE} --ground --model m.osim",
             "--ground FILE is missing; it is found only with --setup",
         ),
-        ([*ONE_SIDE, "--ground", "late.xml", *MODEL], MISSING),
-        ([*ONE_SIDE, "--ground", "none.xml", *MODEL], "cannot read none.xml"),
-        (
-            [*ONE_SIDE, "--ground", "late.mot", *MODEL],
-            "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s",
-        ),
-        (
-            [*ONE_SIDE, "--ground", "late.xml", *MODEL],
-            "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s",
-        ),
+        (f"{ONE_SIDE} --ground late.xml --model m.osim", MISSING),
+        (f"{ONE_SIDE} --ground none.xml --model m.osim", "cannot read none.xml"),
+        (f"{ONE_SIDE} --ground late.mot --model m.osim", LATE),
+        (f"{ONE_SIDE} --ground late.xml --model m.osim", LATE),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
@@ -190,26 +166,23 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
+    arguments: str,
     says: str,
 ) -> None:
     """As if OpenSim were installed, or, without, with a line that says what to install."""
     monkeypatch.chdir(tmp_path)
     write_model(tmp_path / "m.osim")
-    (tmp_path / "cut.sto").write_text(
-        (tmp_path / "q.sto").read_text().rstrip().rpartition("\n")[0]
-    )
-    write_storage(
-        tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes"
-    )
-    write_loads(
-        tmp_path / "late.xml", "late.mot", [external("calcn_r", "ground_force_r_", torque="")]
-    )
+    whole = (tmp_path / "q.sto").read_text().rstrip()
+    (tmp_path / "cut.sto").write_text(whole.rpartition("\n")[0])
+    time = np.linspace(10.0, 11.0, 241)
+    write_storage(tmp_path / "late.mot", time, plate("ground_force_r_"), "yes")
+    force = external("calcn_r", "ground_force_r_", torque="")
+    write_loads(tmp_path / "late.xml", "late.mot", [force])
     files = sorted(path.name for path in tmp_path.iterdir())
     monkeypatch.setattr(
         "knee_contact_ros.system.files.find_spec", lambda name: None if says == MISSING else name
     )
-    assert main(["import-opensim", *arguments]) == 2
+    assert main(["import-opensim", *arguments.split()]) == 2
     said = capsys.readouterr().err
     assert says in said
     assert said.count("\n") == 1

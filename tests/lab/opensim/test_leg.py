@@ -219,7 +219,7 @@ def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_act_on_this_foot_is_refused(
+def test_forces_that_cannot_act_on_this_foot_are_refused(
     tmp_path: Path, axis: str, values: np.ndarray, says: str
 ) -> None:
     file = ground(tmp_path, **{f"ground_force_r_{axis}": values})
@@ -282,7 +282,7 @@ def numbers(wrench: object) -> list[float]:
 
 
 @pytest.mark.usefixtures("by_tests")
-def test_the_bag_holds_what_the_legs_sensors_would_have_told(
+def test_the_bag_holds_the_values_of_the_legs_sensors(
     results: list[str], loads: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*results, *loads, "--side", "right"]) == 0

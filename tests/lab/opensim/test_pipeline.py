@@ -142,7 +142,7 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
         ("", "it said nothing"),
     ],
 )
-def test_the_line_that_tells_of_a_failure(tmp_path: Path, log: str, words: str) -> None:
+def test_the_line_of_a_log_that_reports_a_failure(tmp_path: Path, log: str, words: str) -> None:
     (tmp_path / "l").write_text(log)
     assert failure_in(tmp_path / "l") == words
 
@@ -224,7 +224,7 @@ def run(tmp_path: Path) -> OpenSimRun:
     return OpenSimRun(tmp_path, own[1], forces, tmp_path, moments, {}, own)
 
 
-def test_peaks_and_what_is_allowed(run: OpenSimRun) -> None:
+def test_peaks_and_their_limits(run: OpenSimRun) -> None:
     found = assess(run)
     assert [check.name for check in found] == list(JUDGED)
     for check in found:

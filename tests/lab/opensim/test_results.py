@@ -156,7 +156,7 @@ def test_a_knees_angle_is_found(names: str, side: str, coordinate: str | None, f
 
 
 @pytest.mark.parametrize(("there", "joint", "found"), REACTIONS)
-def test_the_knees_reaction_is_found_or_it_is_said_what_to_set(
+def test_the_knees_reaction_is_found_or_the_error_names_an_option(
     there: list[str], joint: str | None, found: list[str] | str
 ) -> None:
     names = [column(each, axis) for each in (*OTHER_REACTIONS, *there) for axis in AXES[:6]]
@@ -282,7 +282,7 @@ def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> 
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_line(
+def test_impossible_results_are_refused_in_a_line(
     tmp_path: Path, reaction: dict[str, Any], settings: dict[str, Any], says: str
 ) -> None:
     jr = reactions(tmp_path / "jr.sto", **reaction)
@@ -312,7 +312,7 @@ def test_a_reaction_in_the_femurs_frame_is_turned_by_the_angle(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("rate", "rows"), [(200.0, 241 - 47), (None, 1201)])
-def test_a_gap_is_told_and_not_interpolated_across(
+def test_a_gap_is_noted_and_not_interpolated_across(
     tmp_path: Path, rate: float | None, rows: int
 ) -> None:
     there = TIME[(TIME <= 0.5) | (TIME >= 0.74)]
@@ -349,7 +349,7 @@ def loaded(folder: Path, times: float, model: bool = True) -> Files:
         (0.2, r"the peak of 360 N is 0\.50564 body weights"),
     ],
 )
-def test_what_is_likely_a_mistake_is_imported_only_if_the_user_insists(
+def test_likely_mistakes_are_imported_only_if_the_user_insists(
     tmp_path: Path, times: float, says: str
 ) -> None:
     with pytest.raises(UsageError, match=f"{says}.*--anyway"):
@@ -373,7 +373,7 @@ MODELS = [
 ]
 
 
-def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
+def test_a_model_gives_sign_and_weight(tmp_path: Path) -> None:
     standing = angles(tmp_path, -5.0 - 4.0 * np.sin(TIME))
     given = Files(standing, reactions(tmp_path / "jr.sto"))
     with pytest.raises(UsageError, match="Give --angle-sign 1 or -1, or --model"):

@@ -80,7 +80,7 @@ def test_a_circle_comes_out_as_that_circle() -> None:
     assert 1.0 / found.shape.curvature == pytest.approx(0.030, rel=0.01)
 
 
-def test_two_radii_are_told_apart_within_the_tolerance() -> None:
+def test_two_radii_are_distinguished_within_the_tolerance() -> None:
     """Smoothing blurs where they meet; more so with a larger tolerance."""
     errors = []
     for tolerance in (0.01 * MM, TOLERANCE):
@@ -293,7 +293,7 @@ def test_a_mesh_far_from_its_origin_is_fitted_about_the_origin_that_the_refusal_
     assert np.abs(np.genfromtxt(output, delimiter=",", skip_header=6)).max() < 0.050
 
 
-def test_models_take_what_was_fitted_and_the_disease_keeps_its_own_depth(
+def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """2.5 mm of cartilage were fitted; osteoarthritis.yaml says 0.5 mm, before it and after it."""

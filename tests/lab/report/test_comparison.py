@@ -76,13 +76,13 @@ def test_a_heavy_subject_stays_itself(
         ),
     ],
 )
-def test_what_differs_is_told_as_far_as_it_is_used(
+def test_differences_count_as_far_as_they_are_used(
     values: dict[str, object], lines: list[str]
 ) -> None:
     assert differences([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
-def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(
+def test_files_of_one_name_have_numbers_also_when_their_laws_differ(
     bags: tuple[Path, Path], recording: Path, tmp_path: Path, report: Report
 ) -> None:
     healthy = tmp_path / recording.name

@@ -34,7 +34,7 @@ def gathered(samples: Samples, **columns: np.ndarray) -> Gathered:
     return Gathered({name: known.get(name, zero) for name in ANSWER_FIELDS}, BODY_WEIGHT, Doubts())
 
 
-def told(of: Gathered) -> dict[str, str]:
+def summary_of(of: Gathered) -> dict[str, str]:
     return summary(
         ReportRun("a", "a", Path("a"), "/knee_contact", Parameters(), "", Counter(), (), of)
     )
@@ -106,15 +106,15 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
         force_error_estimate=np.where(np.arange(len(load)) == 7, np.nan, 1.0),
     )
     number = np.count_nonzero(load > 1200.0)
-    assert told(found)["ticks not converged"] == str(number)
-    assert told(found)["ticks flagged otherwise"] == f"{number} ({number} × STALE_INPUT)"
+    assert summary_of(found)["ticks not converged"] == str(number)
+    assert summary_of(found)["ticks flagged otherwise"] == f"{number} ({number} × STALE_INPUT)"
     assert found.seconds.sum() == pytest.approx(
         2397 * 0.005, abs=1e-6
     )  # 2399 steps, without the one back and the gap
     assert found.elapsed[1500] == found.elapsed[1499]  # as if it had gone on at once
     median, largest = 1e3 * np.median(load), 1e3 * load.max()
     assert (
-        told(found)["error bound of the depth"]
+        summary_of(found)["error bound of the depth"]
         == f"{1e-6 * largest:.2g} µm at most, {1e-6 * median:.2g} µm median"
     )
-    assert told(found)["error bound of the contact force"] == "no bound at most, 1 N median"
+    assert summary_of(found)["error bound of the contact force"] == "no bound at most, 1 N median"

@@ -200,7 +200,7 @@ PEAK_ROWS = (
 
 
 @in_group
-def test_the_page_says_what_it_should(both: Path) -> None:
+def test_words_and_numbers_of_the_page(both: Path) -> None:
     text = text_of(both)
     assert [words for words in ON_THE_PAGE if words not in text] == []
     assert [text.count(words) for words in ONCE] == [1, 1]
@@ -224,7 +224,7 @@ def test_another_load_and_femur(bags: tuple[Path, Path], report: Report) -> None
     assert np.ptp(numbers(rows_of(out / "cycles.csv"), "contact_point_x_mm_mean")) > 5.0
 
 
-def test_a_recording_says_its_parameters_itself(recording: Path, report: Report) -> None:
+def test_a_recording_has_its_own_parameters(recording: Path, report: Report) -> None:
     out = report(recording, "--compare=healthy.yaml")
     text = text_of(out)
     assert "Recorded with knee_contact_ros" in text
@@ -287,9 +287,7 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(
 
 
 @pytest.mark.filterwarnings("error::UserWarning")
-def test_what_makes_no_sense_stands_first(
-    bags: tuple[Path, Path], tmp_path: Path, report: Report
-) -> None:
+def test_doubts_come_first(bags: tuple[Path, Path], tmp_path: Path, report: Report) -> None:
     """Solved for the report, and as a recording says it itself."""
     recording = tmp_path / "knee.mcap"
     solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording)
@@ -338,7 +336,7 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(
         (["{csv}"], "femur_medial.csv"),
     ],
 )
-def test_bad_input_is_told_in_a_line(
+def test_bad_input_is_refused_in_a_line(
     arguments: list[str],
     words: str,
     bags: tuple[Path, Path],
@@ -359,7 +357,7 @@ def test_bad_input_is_told_in_a_line(
     assert not out.exists()
 
 
-def test_a_damaged_bag_is_told_and_reported_as_far_as_it_goes(
+def test_a_damaged_bag_is_reported_as_far_as_it_goes(
     bags: tuple[Path, Path], tmp_path: Path, report: Report, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content = next(bags[0].glob("*.mcap")).read_bytes()

@@ -24,7 +24,9 @@ INPUTS = {
 """Inputs and their standard deviations"""
 
 
-def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, report: Report) -> None:
+def test_a_report_has_the_numbers_of_the_python_interface(
+    right_bag: Path, deviations: Path, report: Report
+) -> None:
     out = report(right_bag, "--uncertainty", deviations, "--compare=osteoarthritis")
     rows = rows_of(out / "uncertainty.csv")
     assert {row["run"] for row in rows} == {"gait2354_right"}  # a comparison has none of its own
