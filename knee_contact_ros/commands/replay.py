@@ -39,11 +39,11 @@ from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import one_line_ros_errors
 from knee_contact_ros.system.terminal import say
 
-QOS = QoSProfile(depth=1000)
-LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-LAST_ACKNOWLEDGEMENTS = 0.5
+_QOS = QoSProfile(depth=1000)
+_LATCHED_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_LAST_ACKNOWLEDGEMENTS = 0.5
 """Time [s] that subscribers have to acknowledge messages when a signal ends the replay"""
-SETTLING = 2.0
+_SETTLING_TIME = 2.0
 """Time [s] without a new subscriber before playing: ROS finds those of two nodes up to 1.6 s apart"""
 
 
@@ -82,10 +82,10 @@ class Replayer:
         """Make publishers of the topics `inputs`, and of /clock if `clock` is true; publish `transforms` at once."""
         types = {JOINT_STATES: JointState}
         self.publishers = {
-            f"/{topic}": node.create_publisher(types.get(topic, WrenchStamped), topic, QOS)
+            f"/{topic}": node.create_publisher(types.get(topic, WrenchStamped), topic, _QOS)
             for topic in inputs
         }
-        self._clock = node.create_publisher(Clock, "/clock", QOS) if clock else None
+        self._clock = node.create_publisher(Clock, "/clock", _QOS) if clock else None
         if transforms:
             try:
                 from tf2_msgs.msg import TFMessage
@@ -95,20 +95,20 @@ class Replayer:
                     err=True,
                 )
             else:
-                publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
+                publisher = node.create_publisher(TFMessage, TF_STATIC, _LATCHED_QOS)
                 for data in transforms:
                     publisher.publish(data)
 
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
         """Wait until each topic has a subscriber and no new one comes; return False if that takes over `seconds`."""
         now = time.monotonic()
-        deadline, settled = now + seconds, now + SETTLING
+        deadline, settled = now + seconds, now + _SETTLING_TIME
         counts = self._subscribers()
         while now < (settled if all(counts) else deadline) and now < deadline:
             spin(0.02)
             now = time.monotonic()
             if counts != (counts := self._subscribers()):
-                settled = now + SETTLING
+                settled = now + _SETTLING_TIME
         return all(counts)
 
     def _subscribers(self) -> list[int]:
@@ -209,39 +209,37 @@ def span_of(reader: TopicReader, timing: Timing) -> tuple[int, int]:
 
 def play(reader: TopicReader, span: tuple[int, int], replayer: Replayer, timing: Timing) -> None:
     """Play the span once or in a loop; the report on lateness is printed even if a signal ends the replay."""
-    name, lateness, (start, stop), patience = (
-        reader.bag.path.name,
-        Lateness(),
-        span,
-        LAST_ACKNOWLEDGEMENTS,
-    )
+    start, stop = span
+    lateness = Lateness()
+    patience = _LAST_ACKNOWLEDGEMENTS
+    keys = f" ({HELP})" if has_terminal() else ""
 
     def described(rate: float, paused: bool) -> str:
-        keys = f" ({HELP})" if has_terminal() else ""
-        return f"{'Paused' if paused else 'Replaying'} {name} at rate {rate:.3g}{keys}"
+        state = "Paused" if paused else "Replaying"
+        return f"{state} {reader.bag.path.name} at rate {rate:.3g}{keys}"
 
     player = Player(
         rate=timing.rate,
         paused=timing.start_paused,
-        tell_time=replayer.publish_clock,
+        publish_time=replayer.publish_clock,
         clock_rate=timing.clock or 0.0,
-        changed=lambda rate, paused: bar.describe(described(rate, paused)),
+        on_change=lambda rate, paused: bar.describe(described(rate, paused)),
     )
+    # The collector would stop the interpreter for milliseconds to look through what stays anyway.
     gc.collect()
-    gc.freeze()  # or the garbage collector would take the interpreter for milliseconds
+    gc.freeze()
     with ExitStack() as opened:
-        opened.callback(
-            lambda: click.echo(str(lateness))
-        )  # when bar and keyboard have left the terminal
+        # Called last, when bar and keyboard have left the terminal.
+        opened.callback(lambda: click.echo(str(lateness)))
         bar = opened.enter_context(progress(described(timing.rate, timing.start_paused)))
-        player.wait = opened.enter_context(Keyboard(player.stood_still)).wait
+        player.wait = opened.enter_context(Keyboard(player.leave_out)).wait_for_keys
         try:
             for _ in repeat(None) if timing.loop else (None,):
-                for message, late in player.play(reader.raw_messages(start=start, stop=stop)):
+                for message, delay in player.play(reader.raw_messages(start=start, stop=stop)):
                     if timing.clock == 0.0:
                         replayer.publish_clock(message.log_time)
                     replayer.publish(message)
-                    lateness.add(late)
+                    lateness.count_message(delay)
                     bar(message.log_time - start, stop - start)
             patience = timing.wait
         finally:

@@ -19,14 +19,14 @@ def stood_still(seconds):  # in a signal handler, which may interrupt a print
     os.write(1, f"<stood still for {seconds}>\\n".encode())
 
 with unwinding_on_signals(), Keyboard(stood_still) as keyboard:
-    keyboard.wait(0.0)
+    keyboard.wait_for_keys(0.0)
     while True:
-        if keyboard._usual is not None:
+        if keyboard._saved_modes is not None:
             print("<ready>", flush=True)
             break
-        keyboard.wait(0.05)
+        keyboard.wait_for_keys(0.05)
     while True:
-        for command in keyboard.wait(0.05):
+        for command in keyboard.wait_for_keys(0.05):
             print(f"<{command.name}>", flush=True)
             if command is Command.SLOWER:
                 raise RuntimeError("as a bug does")
@@ -78,7 +78,7 @@ def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
 def test_without_a_terminal_there_are_no_keys() -> None:
     program = (
         "from knee_contact_ros.commands.player import Keyboard, has_terminal\n"
-        "with Keyboard(print) as keyboard: print(has_terminal(), keyboard.wait(0.01))"
+        "with Keyboard(print) as keyboard: print(has_terminal(), keyboard.wait_for_keys(0.01))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program],

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from knee_contact_ros.bags.bag import RawMessage
-from knee_contact_ros.commands.player import Command, Lateness, Player, paced
+from knee_contact_ros.commands.player import Command, Lateness, Player, with_due_times
 
 MILLISECOND = 1_000_000
 BEGIN = 1_700_000_000_000_000_000
@@ -68,7 +68,7 @@ def test_keys_pause_step_and_go_on() -> None:
     states = []
     steps = Keys([Command.STEP], [Command.STEP, Command.STEP], [Command.PAUSE])
     player = Player(
-        steps, paused=True, changed=lambda rate, paused: states.append((rate, paused, len(sent)))
+        steps, paused=True, on_change=lambda rate, paused: states.append((rate, paused, len(sent)))
     )
     late = []
     for message, lateness in player.play(bag(4)):
@@ -104,7 +104,7 @@ def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> Non
         [Command.SLOWER] * 100,
     )
     keys.presses.append([Command.PAUSE])
-    player = Player(keys, paused=True, changed=lambda rate, _paused: rates.append(rate))
+    player = Player(keys, paused=True, on_change=lambda rate, _paused: rates.append(rate))
     for _ in player.play(bag(1)):
         pass
     assert rates[:4] == pytest.approx([1.1, 1.21, 1.1, 1.0])
@@ -115,7 +115,7 @@ def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> Non
 def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
     told: list[int] = []
     keys = Keys([], [], [], [], [Command.PAUSE])
-    player = Player(keys, paused=True, tell_time=told.append, clock_rate=100.0)
+    player = Player(keys, paused=True, publish_time=told.append, clock_rate=100.0)
     for _ in player.play(bag(2, 300 * MILLISECOND)):
         pass
     assert told == sorted(told)
@@ -147,7 +147,7 @@ def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_le
     sent = [time.perf_counter() for _ in Player().play([*first, *today, *back, *day])]
     assert len(sent) == 19
     assert sent[-1] - sent[0] > 0.29
-    assert [due for _, due in paced(first)] == [i * 20 * MILLISECOND for i in range(6)]
+    assert [due for _, due in with_due_times(first)] == [i * 20 * MILLISECOND for i in range(6)]
     told = [round(float(line.split()[4])) for line in capsys.readouterr().err.splitlines()]
     assert told == [BEGIN // 10**9, 87_400]
 
@@ -155,7 +155,7 @@ def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_le
 def test_lateness_is_counted_and_told() -> None:
     lateness = Lateness()
     for seconds in (0.0, 0.0005, 0.0021, None, 0.0001, 0.0002, 0.0003):
-        lateness.add(seconds)
+        lateness.count_message(seconds)
     assert (lateness.messages, lateness.late, lateness.largest, lateness.drift) == (
         7,
         1,
