@@ -41,13 +41,25 @@ class Group(NamedTuple):
 FLEXION, DORSIFLEXION = (-10.0, 110.0), (-30.0, 25.0)
 GROUPS = (
     Group(
-        "quadriceps", ("vas_int_r", "rect_fem_r"), KNEE, -1.0, FLEXION, moment_arms.QUADRICEPS, 1.0
+        "quadriceps",
+        ("vas_int_r", "rect_fem_r"),
+        KNEE,
+        -1.0,
+        FLEXION,
+        moment_arms.QUADRICEPS_ARM,
+        1.0,
     ),
     Group(
-        "hamstrings", ("bifemlh_r", "bifemsh_r"), KNEE, -1.0, FLEXION, moment_arms.HAMSTRINGS, -1.0
+        "hamstrings",
+        ("bifemlh_r", "bifemsh_r"),
+        KNEE,
+        -1.0,
+        FLEXION,
+        moment_arms.HAMSTRINGS_ARM,
+        -1.0,
     ),
-    Group("gastrocnemius", CALF[:1], KNEE, -1.0, FLEXION, moment_arms.GASTROCNEMIUS, -1.0),
-    Group("achilles", CALF, ANKLE, 1.0, DORSIFLEXION, moment_arms.ACHILLES, -1.0),
+    Group("gastrocnemius", CALF[:1], KNEE, -1.0, FLEXION, moment_arms.GASTROCNEMIUS_ARM, -1.0),
+    Group("achilles", CALF, ANKLE, 1.0, DORSIFLEXION, moment_arms.ACHILLES_ARM, -1.0),
 )
 
 

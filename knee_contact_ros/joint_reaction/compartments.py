@@ -21,9 +21,9 @@ RULES = ("total", "fixed_share", "moment_balance", "measured_share")
 """Names of the rules by which a compartment's load follows from the joint reaction; see `LoadRule`"""
 SPLITS = RULES[1:]
 """Names of the rules that also give the lateral compartment a load"""
-LARGEST_LOAD_IN_BW = 30.0
+_MAX_AXIAL_LOAD = 30.0
 """Largest axial load of a knee [BW]; larger numbers must be in N"""
-LOADED = 0.5
+STANDING_LOAD = 0.5
 """Axial compression [BW] above which a leg counts as standing; below it a share says little"""
 BOTH = "both"
 """Value of `load.compartment` for medial and lateral contact at once; a rule of `SPLITS` gives the medial load"""
@@ -47,8 +47,8 @@ class ShareTable(NamedTuple):
             ValueError: an angle lacks a load, or a value is impossible for a knee, such as a load in N.
         """
         least, most = rows[:, 1].min(), rows[:, 1].max()
-        if least < 0.0 or most > LARGEST_LOAD_IN_BW:
-            allowed = f"allowed: 0 to {LARGEST_LOAD_IN_BW:g} body weights, not N"
+        if least < 0.0 or most > _MAX_AXIAL_LOAD:
+            allowed = f"allowed: 0 to {_MAX_AXIAL_LOAD:g} body weights, not N"
             raise ValueError(f"has loads from {least:g} to {most:g} BW; {allowed}")
         wrong = rows[(rows[:, 2] < 0.0) | (rows[:, 2] > 1.0), 2]
         if len(wrong):
@@ -72,50 +72,40 @@ class MeasuredShare:
         self._body_weight = body_weight
         self._places = table.flexion.tolist(), table.load.tolist(), _cells(table).tolist()
 
-    def share(self, axial: Any, flexion: Any) -> Any:
-        """Medial share, from 0 to 1, at axial compression [N] and flexion [rad]: numbers, or arrays of one shape.
+    def share_at(self, axial: Any, flexion: Any) -> Any:
+        """Return the medial share, from 0 to 1, at axial compression [N] and flexion [rad].
 
-        Both give the same bits.
+        Takes numbers or arrays of one shape, with the same bits.
         """
         if isinstance(axial, np.ndarray):
-            return np.array(
-                [self.share(*each) for each in zip(axial.tolist(), flexion.tolist(), strict=True)]
-            )
+            pairs = zip(axial.tolist(), flexion.tolist(), strict=True)
+            return np.array([self.share_at(*pair) for pair in pairs])
         flexions, loads, cells = self._places
         angle = min(max(flexion, flexions[0]), flexions[-1])
         load = min(max(axial / self._body_weight, loads[0]), loads[-1])
-        row, column = (
-            bisect_right(flexions, angle, 1, len(flexions) - 1) - 1,
-            bisect_right(loads, load, 1, len(loads) - 1) - 1,
-        )
+        row = bisect_right(flexions, angle, 1, len(flexions) - 1) - 1
+        column = bisect_right(loads, load, 1, len(loads) - 1) - 1
         constant, by_angle, by_load, by_both = cells[row][column]
         right, up = angle - flexions[row], load - loads[column]
         return min(max(constant + by_angle * right + (by_load + by_both * right) * up, 0.0), 1.0)
 
-    def beyond(self, axial: Any, flexion: Any) -> Any:
+    def is_beyond_table(self, axial: Any, flexion: Any) -> Any:
         """Whether load or flexion lie beyond the table, so that its edge is used: numbers, or arrays of one shape."""
         flexions, loads, _ = self._places
         load = axial / self._body_weight
-        return (
-            (flexion < flexions[0])
-            | (flexion > flexions[-1])
-            | (load < loads[0])
-            | (load > loads[-1])
-        )
+        bent = (flexion < flexions[0]) | (flexion > flexions[-1])
+        return bent | (load < loads[0]) | (load > loads[-1])
 
 
 def _cells(table: ShareTable) -> NDArray[np.float64]:
-    """Share at the lower corner of every cell and its slopes along flexion, load and both, shape (m-1, n-1, 4)."""
+    """Return every cell's share at the lower corner, and slopes along flexion, load and both, shape (m-1, n-1, 4)."""
     wide, high = np.diff(table.flexion)[:, None], np.diff(table.load)[None, :]
     corner = table.share[:-1, :-1]
-    by_angle, by_load = (
-        (table.share[1:, :-1] - corner) / wide,
-        (table.share[:-1, 1:] - corner) / high,
-    )
-    both = (table.share[1:, 1:] - table.share[1:, :-1] - table.share[:-1, 1:] + corner) / (
-        wide * high
-    )
-    return np.stack((corner, by_angle, by_load, both), axis=-1)
+    right, above, opposite = table.share[1:, :-1], table.share[:-1, 1:], table.share[1:, 1:]
+    by_angle = (right - corner) / wide
+    by_load = (above - corner) / high
+    by_both = (opposite - right - above + corner) / (wide * high)
+    return np.stack((corner, by_angle, by_load, by_both), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -134,15 +124,17 @@ class LoadRule:
     """Body weight [N]"""
 
     def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
-        """Load of the compartment [N] from axial compression [N], frontal moment [N m] and flexion angle [rad].
+        """Return the compartment's load [N] from axial compression [N], frontal moment [N m] and flexion angle [rad].
 
         Takes numbers or arrays of one shape, with the same bits.
         """
         if self.table:
-            return self.table.share(axial, flexion) * axial
+            return self.table.share_at(axial, flexion) * axial
         if self.name == "fixed_share":
             return self.share * axial
-        return axial if self.name == "total" else 0.5 * axial - moment / self.spacing
+        if self.name == "total":
+            return axial
+        return 0.5 * axial - moment / self.spacing
 
     @property
     def by_moment(self) -> bool:
@@ -150,17 +142,17 @@ class LoadRule:
         return self.name == "moment_balance"
 
     @property
-    def varies(self) -> bool:
+    def share_varies(self) -> bool:
         """Whether the share varies from tick to tick."""
         return self.by_moment or self.table is not None
 
-    def fails(self, axial: Any, load: Any) -> Any:
+    def is_impossible(self, axial: Any, load: Any) -> Any:
         """Whether a compartment would have to pull while the leg stands, from axial compression and medial load [N].
 
         Takes numbers or arrays of one shape.
         """
-        return (axial >= LOADED * self.body_weight) & ((load < 0.0) | (load > axial))
+        return (axial >= STANDING_LOAD * self.body_weight) & ((load < 0.0) | (load > axial))
 
-    def beyond(self, axial: Any, flexion: Any) -> Any:
+    def is_beyond_table(self, axial: Any, flexion: Any) -> Any:
         """Whether load or flexion lie beyond the table of shares: numbers, or arrays of one shape."""
-        return self.table is not None and self.table.beyond(axial, flexion)
+        return self.table is not None and self.table.is_beyond_table(axial, flexion)

@@ -10,8 +10,8 @@ from typing import NamedTuple, get_type_hints
 
 from knee_contact_ros.joint_reaction.leg import (
     GRAVITY,
-    NANOSECOND,
-    UNKNOWN,
+    NOT_MEASURED,
+    SECONDS_PER_NANOSECOND,
     Ground,
     Joints,
     Leg,
@@ -20,7 +20,12 @@ from knee_contact_ros.joint_reaction.leg import (
     leg_of,
     net_moments,
 )
-from knee_contact_ros.joint_reaction.muscles import Lag, Person, Reaction, reaction_of
+from knee_contact_ros.joint_reaction.muscles import (
+    ActivationLag,
+    MuscledReaction,
+    Person,
+    reaction_of,
+)
 
 
 class Level(IntEnum):
@@ -35,7 +40,7 @@ Dynamics = Callable[[Leg, Joints, Motion, Ground], NetMoments]
 """Computes the net moments at knee and ankle from the sensors; NaN stands for what it cannot know"""
 
 
-class Deviation(NamedTuple):
+class AxialDeviation(NamedTuple):
     """Standard deviation of an axial force, from a constant error and one that grows with the force."""
 
     floor: float
@@ -43,7 +48,7 @@ class Deviation(NamedTuple):
     part: float
     """Growing error, relative to the axial force"""
 
-    def at(self, axial: float, weight: float) -> float:
+    def deviation_of(self, axial: float, weight: float) -> float:
         """Return the standard deviation [N] of an axial force [N] for a body weight [N]."""
         return math.hypot(self.floor * weight, self.part * axial)
 
@@ -56,16 +61,16 @@ class EstimationLevel(NamedTuple):
 
     level: Level
     dynamics: Dynamics
-    calibrated: Deviation
+    calibrated: AxialDeviation
     """Deviation with constants that were fitted to other trials of the same person"""
-    uncalibrated: Deviation
+    uncalibrated: AxialDeviation
     """Deviation with constants that were fitted to another person"""
 
 
-KNEE_LEVER = 0.6
+_KNEE_LEVER = 0.6
 """Lever of the body at a bent knee, relative to that of a body upright above it; trunk and momentum carry the rest.
 Between 0.5 and 0.7 the error on the two measured knees is within 3 % of its minimum"""
-SWING = 0.5
+_SWING_INERTIA = 0.5
 """Fraction of the shank's inertia that acts on the knee's own acceleration, as the thigh, which is not measured, turns
 the other way. The two measured walkers' knee moments in swing fit 0.4 and 0.2, their loads 0.5"""
 
@@ -80,10 +85,10 @@ def ground_force_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground)
     further muscle forces.
     """
     vertical = max(ground.force[1], 0.0)
-    standing = vertical * KNEE_LEVER * leg.shank_length * math.sin(max(0.5 * joints.flexion, 0.0))
+    standing = vertical * _KNEE_LEVER * leg.shank_length * math.sin(max(0.5 * joints.flexion, 0.0))
     free = max(1.0 - vertical / leg.body_weight, 0.0)
-    swinging = SWING * leg.inertia_below * motion.flexion.acceleration * free
-    return NetMoments(standing - swinging, UNKNOWN, vertical - leg.weight_below, UNKNOWN)
+    swinging = _SWING_INERTIA * leg.inertia_below * motion.flexion.acceleration * free
+    return NetMoments(standing - swinging, NOT_MEASURED, vertical - leg.weight_below, NOT_MEASURED)
 
 
 def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
@@ -92,40 +97,44 @@ def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) 
     The foot is at a right angle to the shank; where the hip is not measured, flat on the ground.
     """
     if math.isfinite(joints.hip):
-        joints = joints._replace(ankle=UNKNOWN)
-    return net_moments(leg, joints, motion, ground)._replace(plantarflexion=UNKNOWN)
+        joints = joints._replace(ankle=NOT_MEASURED)
+    return net_moments(leg, joints, motion, ground)._replace(plantarflexion=NOT_MEASURED)
 
 
-OF_MOMENTS = Deviation(0.225, 0.125), Deviation(0.325, 0.125)
-OF_GROUND = Deviation(0.40, 0.10), Deviation(0.55, 0.10)
+_BY_MOMENTS = AxialDeviation(0.225, 0.125), AxialDeviation(0.325, 0.125)
+"""Measured deviations of both levels with net moments, calibrated and not; see docs/explanation/validation.md"""
+_BY_GROUND_FORCE = AxialDeviation(0.40, 0.10), AxialDeviation(0.55, 0.10)
+"""Those of the level with the ground force alone"""
 LOAD_LEVELS = {
-    "ground_force": EstimationLevel(Level.GROUND_FORCE, ground_force_alone, *OF_GROUND),
-    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, *OF_MOMENTS),
-    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, *OF_MOMENTS),
+    "ground_force": EstimationLevel(Level.GROUND_FORCE, ground_force_alone, *_BY_GROUND_FORCE),
+    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, *_BY_MOMENTS),
+    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, *_BY_MOMENTS),
 }
 """The levels by name, from the one with the fewest sensors to the one with the most"""
 
 
-LARGEST_ANGLE = math.pi
+_MAX_JOINT_ANGLE = math.pi
 """Largest joint angle [rad]; larger ones are usually degrees read as radians"""
-LARGEST_REACTION = 10.0
+_MAX_COMPRESSION = 10.0
 """Largest compression of the knee [body weights]: an instrumented hip measured 8.7 while stumbling (Bergmann et al.
 1993, doi:10.1016/0021-9290(93)90058-M), and knees bear less"""
-LARGEST_PULL = 1.0
+MAX_PULL = 1.0
 """Largest force [body weights] with which a swinging leg pulls at its knee"""
-LARGEST_UPSIDE_DOWN = 0.25
+_MAX_GROUND_PULL = 0.25
 """Largest force [body weights] with which the ground may seem to pull at the foot, as sensors drift"""
-LIGHTEST = 150.0
+MIN_BODY_WEIGHT = 150.0
 """Body weight [N] below which the number must be in kg: it is the weight of 15 kg"""
-STIFF = math.radians(3.5)
+MIN_RANGE_OF_MOTION = math.radians(3.5)
 """Range of motion [rad] below which a joint does not move, or its angles in rad were read as degrees"""
-LEAST_PEAK, MOST_PEAK = 0.75, 8.0
-"""Plausible range of load peaks [BW]: measured ones are from 1.07 on two legs to about 6 in stumbling (OrthoLoad)"""
+MIN_LOAD_PEAK = 0.75
+"""Smallest plausible load peak [BW]: the smallest measured ones are 1.07 on two legs (OrthoLoad)"""
+MAX_LOAD_PEAK = 8.0
+"""Largest plausible load peak [BW]: the largest measured ones are about 6 in stumbling (OrthoLoad)"""
 
 
 def weight_doubt(weight: float) -> str:
-    """Sentence about a body weight [N] that is likely in kg; empty if it is not."""
-    if weight >= LIGHTEST:
+    """Return a sentence about a body weight [N] that is likely in kg; empty if it is not."""
+    if weight >= MIN_BODY_WEIGHT:
         return ""
     return f"body_weight {weight:.7g} N: is it kg? {weight:.7g} kg weigh {weight * GRAVITY:.1f} N"
 
@@ -134,9 +143,9 @@ def is_implausible(joints: Joints, ground: Ground, axial: float, weight: float) 
     """Whether angles, ground force or the axial force [N] cannot be those of a person of a body weight [N]."""
     angles = (joints.flexion, joints.hip, joints.ankle)
     return (
-        not -LARGEST_PULL * weight <= axial <= LARGEST_REACTION * weight
-        or ground.force[1] < -LARGEST_UPSIDE_DOWN * weight
-        or any(abs(angle) > LARGEST_ANGLE for angle in angles)
+        not -MAX_PULL * weight <= axial <= _MAX_COMPRESSION * weight
+        or ground.force[1] < -_MAX_GROUND_PULL * weight
+        or any(abs(angle) > _MAX_JOINT_ANGLE for angle in angles)
     )
 
 
@@ -159,22 +168,29 @@ class Estimate(NamedTuple):
     status: int
 
 
-CODES = {"float": "d", "int": "B", "bool": "?"}
-PACKING = struct.Struct(
-    "<" + "".join(CODES[kind.__name__] for kind in get_type_hints(Estimate).values())
+_STRUCT_CODES = {"float": "d", "int": "B", "bool": "?"}
+"""Format characters of `struct` for the types of the fields"""
+ESTIMATE_STRUCT = struct.Struct(
+    "<" + "".join(_STRUCT_CODES[kind.__name__] for kind in get_type_hints(Estimate).values())
 )
 """Layout of an estimate in CDR, where it begins at a multiple of 8 B"""
 
 
-LOADED, MOST_BENT = 0.3, 0.85
-"""Ground force [body weights] above which a knee is loaded, and the largest flexion [rad] of a loaded knee in level
-walking: the two measured walkers had 36 to 38 degrees; the limit is 49 degrees. On stairs, in sit to stand and in
-squats knees are loaded at 60 to 100 degrees"""
-MOST_WALKING = 1.6
+_LOADED = 0.3
+"""Ground force [body weights] above which a knee is loaded"""
+_MAX_LOADED_FLEXION = 0.85
+"""Largest flexion [rad] of a loaded knee in level walking, 49 degrees.
+
+The two measured walkers had 36 to 38 degrees. On stairs, in sit to stand and in squats knees are loaded at 60 to 100
+degrees.
+"""
+_MAX_WALKING_FORCE = 1.6
 """Largest ground force [body weights] of walking; running has 2 and more"""
-UNLOADED, TOO_LONG = 0.05, 3.0
-"""Ground force [body weights] below which a foot bears nothing, and longest such time [s] in walking"""
-STRIDE = 1.5
+_UNLOADED = 0.05
+"""Ground force [body weights] below which a foot bears nothing"""
+_MAX_UNLOADED_TIME = 3.0
+"""Longest time [s] in walking for which a foot bears nothing"""
+_SLOW_STRIDE = 1.5
 """Duration [s] of a slow stride, for which a sample of another movement counts"""
 
 
@@ -185,8 +201,11 @@ class Movement:
         """Begin without samples of a person of a body weight [N]."""
         self._weight = weight
         self._other_until: int | None = None
+        """Stamp [ns] until which a sample of another movement counts"""
         self._bore = 0
+        """Stamp [ns] at which the foot last bore something"""
         self._last: int | None = None
+        """Stamp [ns] of the last sample"""
 
     def is_other(self, stamp: int, flexion: float, vertical: float) -> bool:
         """Whether a sample at a stamp [ns], with flexion [rad] and ground force [N], is of another movement.
@@ -194,22 +213,30 @@ class Movement:
         A foot that bears nothing for longer than in walking counts too: sitting, cycling, or a sensor that is off.
         """
         force = vertical / self._weight
-        if (
-            self._last is None or not 0 <= stamp - self._last <= TOO_LONG / NANOSECOND
-        ):  # after a pause as at first
-            self._other_until, self._bore = None, stamp
-        self._last = stamp
-        if force > UNLOADED:
+        longest = _MAX_UNLOADED_TIME / SECONDS_PER_NANOSECOND
+        if self._last is None or not 0 <= stamp - self._last <= longest:
+            # The first sample, or one after a pause
+            self._other_until = None
             self._bore = stamp
-        if (force > LOADED and flexion > MOST_BENT) or force > MOST_WALKING:
-            self._other_until = stamp + round(STRIDE / NANOSECOND)
-        return (self._other_until is not None and stamp <= self._other_until) or (
-            (stamp - self._bore) * NANOSECOND > TOO_LONG
-        )
+        self._last = stamp
+        if force > _UNLOADED:
+            self._bore = stamp
+        if (force > _LOADED and flexion > _MAX_LOADED_FLEXION) or force > _MAX_WALKING_FORCE:
+            self._other_until = stamp + round(_SLOW_STRIDE / SECONDS_PER_NANOSECOND)
+        if (stamp - self._bore) * SECONDS_PER_NANOSECOND > _MAX_UNLOADED_TIME:
+            return True
+        return self._other_until is not None and stamp <= self._other_until
 
 
-TIME_RESET, INPUT_HELD, IMPLAUSIBLE, DOUBTFUL_LOAD = 2, 4, 32, 64
-"""Bits of `status` in `LoadEstimate.msg`; for the last two see `is_implausible` and `Movement`"""
+# Bits of `status` in `LoadEstimate.msg`
+BIT_TIME_RESET = 2
+"""The stamps went back"""
+BIT_INPUT_HELD = 4
+"""The angles are those of an earlier stamp"""
+BIT_IMPLAUSIBLE = 32
+"""See `is_implausible`"""
+BIT_DOUBTFUL_LOAD = 64
+"""See `Movement`"""
 
 
 class Estimator:
@@ -219,7 +246,7 @@ class Estimator:
         self, level: str, person: Person, calibrated: bool = False, deviation: float = 0.0
     ) -> None:
         """Make an estimator; see `configure`."""
-        self._lag = Lag()
+        self._lag = ActivationLag()
         self.configure(level, person, calibrated, deviation)
 
     def configure(self, level: str, person: Person, calibrated: bool, deviation: float) -> None:
@@ -231,27 +258,29 @@ class Estimator:
             calibrated: Whether they were fitted to a measured knee of this person.
             deviation: Standard deviation relative to the body weight, for any force; 0: that of the level.
         """
-        self._level, self._person, self._calibrated = LOAD_LEVELS[level], person, calibrated
+        self._level = LOAD_LEVELS[level]
+        self._person = person
+        self._calibrated = calibrated
         self._leg = leg_of(person.mass, person.height)
         measured = self._level.calibrated if calibrated else self._level.uncalibrated
-        self._deviation = Deviation(deviation, 0.0) if deviation else measured
+        self._deviation = AxialDeviation(deviation, 0.0) if deviation else measured
         self._movement = Movement(person.weight)
 
-    def at(
+    def estimate(
         self, stamp: int, joints: Joints, motion: Motion, ground: Ground, status: int = 0
     ) -> Estimate:
         """Estimate the joint reaction at a stamp [ns]; `status` has the bits that are known already."""
         net = self._level.dynamics(self._leg, joints, motion, ground)
         reaction, status = self.react(stamp, joints, ground, net, status)
-        if not status & IMPLAUSIBLE and self._movement.is_other(
+        if not status & BIT_IMPLAUSIBLE and self._movement.is_other(
             stamp, joints.flexion, ground.force[1]
         ):
-            status |= DOUBTFUL_LOAD
+            status |= BIT_DOUBTFUL_LOAD
         muscles, weight = reaction.muscles, self._person.weight
         return Estimate(
             joints.flexion,
             reaction.axial,
-            self._deviation.at(reaction.axial, weight),
+            self._deviation.deviation_of(reaction.axial, weight),
             net.compression,
             muscles.quadriceps,
             muscles.hamstrings,
@@ -265,25 +294,26 @@ class Estimator:
             status,
         )
 
-    def forget(self) -> None:
+    def forget_forces(self) -> None:
         """Forget the present muscle forces."""
-        self._lag.forget()
+        self._lag.forget_forces()
 
     def react(
         self, stamp: int, joints: Joints, ground: Ground, net: NetMoments, status: int
-    ) -> tuple[Reaction, int]:
-        """Compute the joint reaction at a stamp [ns] from net moments, and the status with `IMPLAUSIBLE`.
+    ) -> tuple[MuscledReaction, int]:
+        """Compute the joint reaction at a stamp [ns] from net moments, and the status with `BIT_IMPLAUSIBLE`.
 
         For an implausible sample the muscles act without delay. Neither it nor a held sample changes their forces
         later.
         """
         person = self._person
         reaction = reaction_of(person, joints, net, ground.force[1])
-        if status & TIME_RESET:
-            self.forget()
+        if status & BIT_TIME_RESET:
+            self.forget_forces()
         if is_implausible(joints, ground, reaction.axial, person.weight):
-            return reaction, status | IMPLAUSIBLE
-        muscles = self._lag.at(
-            stamp, reaction.muscles, person.electromechanical_delay, not status & INPUT_HELD
+            return reaction, status | BIT_IMPLAUSIBLE
+        is_measured = not status & BIT_INPUT_HELD
+        muscles = self._lag.forces_at(
+            stamp, reaction.muscles, person.electromechanical_delay, is_measured
         )
         return reaction._replace(axial=net.compression + muscles.total, muscles=muscles), status

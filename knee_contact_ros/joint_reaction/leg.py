@@ -43,24 +43,34 @@ class Ground(NamedTuple):
     """Torque about the ankle joint [N m]; NaN where it is not measured"""
 
 
-UNKNOWN = float("nan")
+NOT_MEASURED = float("nan")
 """A value that is not measured"""
-
-
 GRAVITY = 9.80665
 """Acceleration of gravity [m/s^2]"""
-THIGH_LENGTH, SHANK_LENGTH, FOOT_LENGTH, ANKLE_HEIGHT = 0.245, 0.246, 0.152, 0.039
-"""Lengths relative to the person's height"""
-SHANK_MASS, FOOT_MASS = 0.0465, 0.0145
-"""Masses relative to the body's mass"""
-SHANK_CENTRE, SHANK_GYRATION, FOOT_GYRATION = 0.433, 0.302, 0.475
-"""Distance of the shank's centre of mass from the knee, and radii of gyration about the centres of mass, relative to
-the segment's length; that of the foot is from the ankle to the head of the second metatarsal"""
-KNEE_OFFSET = 0.008
+# Proportions of a leg by Winter (2009), unless another source is named
+_THIGH_LENGTH = 0.245
+"""Distance from hip to knee, relative to the person's height"""
+_SHANK_LENGTH = 0.246
+"""Distance from knee to ankle, relative to the height"""
+_FOOT_LENGTH = 0.152
+"""Length of the foot, relative to the height"""
+_ANKLE_HEIGHT = 0.039
+"""Height of the ankle above the sole, relative to the person's height"""
+_SHANK_MASS = 0.0465
+"""Mass of the shank, relative to the body's"""
+_FOOT_MASS = 0.0145
+"""Mass of the foot, relative to the body's"""
+_SHANK_CENTRE = 0.433
+"""Distance of the shank's centre of mass from the knee, relative to the shank's length"""
+_SHANK_GYRATION = 0.302
+"""Radius of gyration of the shank about its centre of mass, relative to its length"""
+_FOOT_GYRATION = 0.475
+"""The same of the foot, relative to the distance from the ankle to the head of the second metatarsal"""
+_KNEE_OFFSET = 0.008
 """Lateral distance from ankle to knee in stance, relative to the height: 13.7 and 15.3 mm on average in the two legs of
 the gait2354 model in its trial (1.80 m). With it the frontal moment there is off by 3 to 4 N m, without it by 8 to
 9 N m"""
-FOOT_CENTRE = 0.5
+_FOOT_CENTRE = 0.5
 """Position of the foot's centre of mass between the ankle (0) and the head of the second metatarsal (1), which lies on
 the ground half a foot's length ahead"""
 
@@ -105,30 +115,36 @@ class Leg(NamedTuple):
 
 def leg_of(mass: float, height: float) -> Leg:
     """Estimate the leg of a person from mass [kg] and height [m]."""
-    shank, shank_mass, foot_mass = SHANK_LENGTH * height, SHANK_MASS * mass, FOOT_MASS * mass
-    forward, below = 0.5 * FOOT_LENGTH * height, ANKLE_HEIGHT * height
+    shank = _SHANK_LENGTH * height
+    shank_mass = _SHANK_MASS * mass
+    foot_mass = _FOOT_MASS * mass
+    # From the ankle to the head of the second metatarsal
+    forward = 0.5 * _FOOT_LENGTH * height
+    below = _ANKLE_HEIGHT * height
     return Leg(
-        mass * GRAVITY,
-        THIGH_LENGTH * height,
-        shank,
-        KNEE_OFFSET * height,
-        shank_mass,
-        SHANK_CENTRE * shank,
-        shank_mass * (SHANK_GYRATION * shank) ** 2,
-        foot_mass,
-        FOOT_CENTRE * forward,
-        FOOT_CENTRE * below,
-        foot_mass * (FOOT_GYRATION * math.hypot(forward, below)) ** 2,
+        body_weight=mass * GRAVITY,
+        thigh_length=_THIGH_LENGTH * height,
+        shank_length=shank,
+        knee_offset=_KNEE_OFFSET * height,
+        shank_mass=shank_mass,
+        shank_centre=_SHANK_CENTRE * shank,
+        shank_inertia=shank_mass * (_SHANK_GYRATION * shank) ** 2,
+        foot_mass=foot_mass,
+        foot_forward=_FOOT_CENTRE * forward,
+        foot_below=_FOOT_CENTRE * below,
+        foot_inertia=foot_mass * (_FOOT_GYRATION * math.hypot(forward, below)) ** 2,
     )
 
 
-NANOSECOND = 1e-9
+SECONDS_PER_NANOSECOND = 1e-9
 """Duration [s] of a nanosecond"""
-FEWEST = 4
+MIN_MOTION_SAMPLES = 4
 """Smallest number of samples in the window for computing a motion"""
-MOST = 1000
-"""Largest number of samples in the window (7 us), which is divided into as many cells; only the last sample of a cell
-counts"""
+_MAX_MOTION_SAMPLES = 1000
+"""Largest number of samples in the window, which is divided into as many cells; only the last sample of a cell counts.
+
+A parabola through as many takes 7 us.
+"""
 
 
 class Turning(NamedTuple):
@@ -148,8 +164,9 @@ class Motion(NamedTuple):
     ankle: Turning
 
 
-STANDING = Turning(0.0, 0.0)
-STILL = Motion(STANDING, STANDING, STANDING)
+NOT_TURNING = Turning(0.0, 0.0)
+"""Motion of a joint that is at rest, or of which too little is known"""
+MOTIONLESS = Motion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
 
 
 class MotionFilter:
@@ -161,44 +178,52 @@ class MotionFilter:
 
     def __init__(self, window: float) -> None:
         """Set the duration [s] of the window that the parabola is fitted to; 0: the joints count as still."""
-        self._window = round(window / NANOSECOND)
-        self._cell = -(-self._window // (MOST - 1))
-        self._stamps, self._angles = np.empty(2 * MOST, np.int64), np.empty((2 * MOST, 3))
-        self.forget()
+        self._window = round(window / SECONDS_PER_NANOSECOND)
+        self._cell = -(-self._window // (_MAX_MOTION_SAMPLES - 1))
+        # Twice as many as needed, so that the samples of the window move to the front only now and then
+        self._stamps = np.empty(2 * _MAX_MOTION_SAMPLES, np.int64)
+        self._angles = np.empty((2 * _MAX_MOTION_SAMPLES, 3))
+        self.forget_angles()
 
-    def forget(self) -> None:
+    def forget_angles(self) -> None:
         """Forget all angles."""
-        self._begin, self._end, self._last, self._motion = 0, 0, -1, STILL
+        self._begin = 0
+        self._end = 0
+        self._last = -1
+        self._motion = MOTIONLESS
 
-    def now(self, stamp: int) -> Motion:
+    def motion_at(self, stamp: int) -> Motion:
         """Return the motion at a stamp [ns] not before the last angles; still if these are too old by then."""
-        return self._motion if stamp - self._last <= self._window else STILL
+        return self._motion if stamp - self._last <= self._window else MOTIONLESS
 
-    def see(self, stamp: int, joints: Joints) -> Motion:
+    def add_angles(self, stamp: int, joints: Joints) -> Motion:
         """Add the angles measured at a stamp [ns], and return the motion; still until there are enough samples.
 
         A stamp that is not later than the last one makes the filter forget all earlier angles.
         """
         if self._window == 0:
-            return STILL
+            return MOTIONLESS
         if stamp <= self._last:
-            self.forget()
+            self.forget_angles()
         elif self._begin < self._end and stamp // self._cell == self._last // self._cell:
             self._end -= 1
-        elif self._end == len(self._stamps):  # what is kept moves to the front
+        elif self._end == len(self._stamps):
+            # The memory is full: the samples of the window move to its front.
             kept = slice(self._begin, self._end)
-            self._begin, self._end = 0, self._end - self._begin
-            self._stamps[: self._end], self._angles[: self._end] = (
-                self._stamps[kept],
-                self._angles[kept],
-            )
-        self._stamps[self._end], self._angles[self._end], self._last = stamp, joints[:3], stamp
+            number = self._end - self._begin
+            self._stamps[:number] = self._stamps[kept]
+            self._angles[:number] = self._angles[kept]
+            self._begin = 0
+            self._end = number
+        self._stamps[self._end] = stamp
+        self._angles[self._end] = joints[:3]
+        self._last = stamp
         self._end += 1
         while stamp - self._stamps[self._begin] > self._window:
             self._begin += 1
         since = self._stamps[self._begin : self._end] - self._stamps[self._begin]
-        known = len(since) >= FEWEST and 2 * since[-1] >= self._window
-        self._motion = self._parabola(since / self._window) if known else STILL
+        known = len(since) >= MIN_MOTION_SAMPLES and 2 * since[-1] >= self._window
+        self._motion = self._parabola(since / self._window) if known else MOTIONLESS
         return self._motion
 
     def _parabola(self, time: NDArray[np.float64]) -> Motion:
@@ -208,15 +233,13 @@ class MotionFilter:
         tilt = (time * time) @ time / spread
         square = time * time - tilt * time - spread / len(time)
         angles = self._angles[self._begin : self._end]
-        slopes, curvatures = time @ angles / spread, square @ angles / (square @ square)
-        window, motion = self._window * NANOSECOND, []
-        for slope, curvature in zip(
-            (slopes - tilt * curvatures).tolist(), curvatures.tolist(), strict=True
-        ):
-            known = math.isfinite(slope)
-            motion.append(
-                Turning(slope / window, 2.0 * curvature / (window * window)) if known else STANDING
-            )
+        curvatures = square @ angles / (square @ square)
+        slopes = time @ angles / spread - tilt * curvatures
+        window = self._window * SECONDS_PER_NANOSECOND
+        motion = []
+        for slope, curvature in zip(slopes.tolist(), curvatures.tolist(), strict=True):
+            turning = Turning(slope / window, 2.0 * curvature / (window * window))
+            motion.append(turning if math.isfinite(slope) else NOT_TURNING)
         return Motion(*motion)
 
 
@@ -236,7 +259,7 @@ class NetMoments(NamedTuple):
     """
 
 
-def cross(arm: complex, force: complex) -> float:
+def planar_moment(arm: complex, force: complex) -> float:
     """Return the z component of a cross product: the moment [N m] of a force [N] on an arm [m].
 
     A vector in the sagittal plane is a complex number here: x forward, y up.
@@ -244,12 +267,12 @@ def cross(arm: complex, force: complex) -> float:
     return (arm.conjugate() * force).imag
 
 
-def swung(arm: complex, turning: Turning) -> complex:
+def arm_acceleration(arm: complex, turning: Turning) -> complex:
     """Return the acceleration [m/s^2] of an arm's end relative to its beginning, about which it turns."""
     return arm * complex(-turning.rate * turning.rate, turning.acceleration)
 
 
-UPWARDS = complex(0.0, GRAVITY)
+_SUPPORT = complex(0.0, GRAVITY)
 """Acceleration [m/s^2] by which the ground supports a body at rest"""
 
 
@@ -272,34 +295,39 @@ def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> Net
         ground: Force and torque of the ground on the foot; the torque must be measured.
     """
     shank = inclination(joints)
-    hip_angle, (bent, hip, turned) = (
-        (joints.hip, motion) if math.isfinite(joints.hip) else (0.0, STILL)
-    )
-    foot, turned = (
-        (shank + joints.ankle, turned) if math.isfinite(joints.ankle) else (shank, STANDING)
-    )
+    hip_angle = joints.hip
+    if not math.isfinite(hip_angle):
+        hip_angle = 0.0
+        motion = MOTIONLESS
+    bent, hip, turned = motion
+    foot = shank + joints.ankle
+    if not math.isfinite(joints.ankle):
+        foot = shank
+        turned = NOT_TURNING
     of_shank = Turning(hip.rate - bent.rate, hip.acceleration - bent.acceleration)
     of_foot = Turning(of_shank.rate + turned.rate, of_shank.acceleration + turned.acceleration)
 
     down = complex(math.sin(shank), -math.cos(shank))
     to_knee = complex(math.sin(hip_angle), -math.cos(hip_angle)) * leg.thigh_length
-    to_ankle, to_shank_centre = down * leg.shank_length, down * leg.shank_centre
-    to_foot_centre = complex(math.cos(foot), math.sin(foot)) * complex(
-        leg.foot_forward, -leg.foot_below
-    )
-    knee = swung(to_knee, hip) + UPWARDS
-    ankle = knee + swung(to_ankle, of_shank)
-    holds_shank = (knee + swung(to_shank_centre, of_shank)) * leg.shank_mass
-    holds_foot = (ankle + swung(to_foot_centre, of_foot)) * leg.foot_mass
+    to_ankle = down * leg.shank_length
+    to_shank_centre = down * leg.shank_centre
+    along_foot = complex(math.cos(foot), math.sin(foot))
+    to_foot_centre = along_foot * complex(leg.foot_forward, -leg.foot_below)
+    knee = arm_acceleration(to_knee, hip) + _SUPPORT
+    ankle = knee + arm_acceleration(to_ankle, of_shank)
+    holds_shank = (knee + arm_acceleration(to_shank_centre, of_shank)) * leg.shank_mass
+    holds_foot = (ankle + arm_acceleration(to_foot_centre, of_foot)) * leg.foot_mass
 
     force_x, force_y, force_z = ground.force
     about_x, about_y, about_z = ground.torque
     on_foot = holds_foot - complex(force_x, force_y)
     dorsiflexion = (
-        leg.foot_inertia * of_foot.acceleration + cross(to_foot_centre, holds_foot) - about_z
+        leg.foot_inertia * of_foot.acceleration
+        + planar_moment(to_foot_centre, holds_foot)
+        - about_z
     )
     extension = dorsiflexion + leg.shank_inertia * of_shank.acceleration
-    extension += cross(to_shank_centre, holds_shank) + cross(to_ankle, on_foot)
+    extension += planar_moment(to_shank_centre, holds_shank) + planar_moment(to_ankle, on_foot)
     on_shank = on_foot + holds_shank
     compression = on_shank.real * down.real + on_shank.imag * down.imag
     about_x = -about_x - to_ankle.imag * force_z - leg.knee_offset * force_y

@@ -18,33 +18,40 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY, NANOSECOND, Joints, NetMoments
+from knee_contact_ros.joint_reaction.leg import GRAVITY, SECONDS_PER_NANOSECOND, Joints, NetMoments
 
-LEAST_FLEXION, MOST_FLEXION = -0.1745, 1.9199
-"""Range of flexion [rad] beyond which the moment arms stay constant"""
-LEAST_DORSIFLEXION, MOST_DORSIFLEXION = -0.5236, 0.4363
-"""Range of dorsiflexion [rad] beyond which the moment arm of the Achilles tendon stays constant"""
-QUADRICEPS = (0.04463, 0.01629, -0.03135, 0.00889)
+# Angles beyond which moment arms stay constant: the ends of their fit, -10 and 110, -30 and 25 degrees
+_MIN_FLEXION = -0.1745
+"""Smallest flexion [rad] of the fit"""
+_MAX_FLEXION = 1.9199
+"""Largest flexion [rad] of the fit"""
+_MIN_DORSIFLEXION = -0.5236
+"""Smallest dorsiflexion [rad] of the fit"""
+_MAX_DORSIFLEXION = 0.4363
+"""Largest dorsiflexion [rad] of the fit"""
+# Coefficients of the moment arms [m], in rising powers of the angle [rad]
+QUADRICEPS_ARM = (0.04463, 0.01629, -0.03135, 0.00889)
 """Rectus femoris and vasti, through the patellar tendon; they extend the knee"""
-HAMSTRINGS = (0.02616, 0.02728, -0.02370, 0.00214)
+HAMSTRINGS_ARM = (0.02616, 0.02728, -0.02370, 0.00214)
 """Long and short heads of the hamstrings; they flex the knee"""
-GASTROCNEMIUS = (0.02220, 0.00004, -0.00539, 0.00123)
+GASTROCNEMIUS_ARM = (0.02220, 0.00004, -0.00539, 0.00123)
 """Gastrocnemius at the knee, which it flexes"""
-ACHILLES = (0.04573, -0.01311, -0.02042)
+ACHILLES_ARM = (0.04573, -0.01311, -0.02042)
 """Gastrocnemius and soleus at the ankle, as a function of dorsiflexion; they plantarflex it"""
 GASTROCNEMIUS_SHARE = 0.342
 """Share of the gastrocnemius in the plantarflexion moment: maximum isometric force times moment arm, relative to the
 sum over gastrocnemius, soleus and tibialis posterior (2500, 4000 and 3600 N at 46, 45 and 11 mm in gait2354)"""
 
 
-def arm(coefficients: tuple[float, ...], angle: float) -> float:
-    """Return a muscle's moment arm [m] at the knee at a flexion [rad]; for `ACHILLES` at a dorsiflexion [rad]."""
+def moment_arm(coefficients: tuple[float, ...], angle: float) -> float:
+    """Return a muscle's moment arm [m] at the knee at a flexion [rad]; for `ACHILLES_ARM` at a dorsiflexion [rad]."""
     least, most = (
-        (LEAST_DORSIFLEXION, MOST_DORSIFLEXION)
-        if coefficients is ACHILLES
-        else (LEAST_FLEXION, MOST_FLEXION)
+        (_MIN_DORSIFLEXION, _MAX_DORSIFLEXION)
+        if coefficients is ACHILLES_ARM
+        else (_MIN_FLEXION, _MAX_FLEXION)
     )
-    within, value = min(max(angle, least), most), 0.0
+    within = min(max(angle, least), most)
+    value = 0.0
     for coefficient in reversed(coefficients):
         value = value * within + coefficient
     return value
@@ -77,9 +84,11 @@ def muscles_of(
         scale: Ratio of the person's moment arms to the published ones.
     """
     extensor, flexor, calf = (
-        scale * arm(muscle, flexion) for muscle in (QUADRICEPS, HAMSTRINGS, GASTROCNEMIUS)
+        scale * moment_arm(muscle, flexion)
+        for muscle in (QUADRICEPS_ARM, HAMSTRINGS_ARM, GASTROCNEMIUS_ARM)
     )
-    moment, half = extension_moment + calf * gastrocnemius, 0.5 * floor
+    moment = extension_moment + calf * gastrocnemius
+    half = 0.5 * floor
     hamstrings = max(half - gastrocnemius, 0.0)
     quadriceps = (moment + flexor * hamstrings) / extensor
     if quadriceps < half:
@@ -114,7 +123,7 @@ class Person(NamedTuple):
         return self.co_contraction * max(vertical, 0.0) + self.tone * self.weight
 
 
-class Lag:
+class ActivationLag:
     """First-order lag of the muscle forces behind the required ones.
 
     It is exact if the required force is linear in time between two samples. So it is stable at any rate and after any
@@ -125,31 +134,33 @@ class Lag:
         """Begin without a past: the first forces are the required ones."""
         self._last: tuple[int, Muscles, Muscles] | None = None
 
-    def forget(self) -> None:
+    def forget_forces(self) -> None:
         """Forget the past."""
         self._last = None
 
-    def at(self, stamp: int, needed: Muscles, time_constant: float, sure: bool = True) -> Muscles:
+    def forces_at(
+        self, stamp: int, needed: Muscles, time_constant: float, sure: bool = True
+    ) -> Muscles:
         """Return the forces at a stamp [ns] for the forces required then, and a time constant [s].
 
         A stamp that is not later than the last one restarts the lag. A sample that is not `sure` does not change it.
         """
         forces = needed
         if self._last and stamp > self._last[0] and time_constant > 0.0:
-            since = (stamp - self._last[0]) * NANOSECOND / time_constant
+            since = (stamp - self._last[0]) * SECONDS_PER_NANOSECOND / time_constant
             left, ramp = math.exp(-since), -math.expm1(-since) / since
             forces = Muscles(
-                *[
+                *(
                     new - (new - old) * ramp + (force - old) * left
                     for new, old, force in zip(needed, *self._last[1:], strict=True)
-                ]
+                )
             )
         if sure:
             self._last = stamp, needed, forces
         return forces
 
 
-class Reaction(NamedTuple):
+class MuscledReaction(NamedTuple):
     """Joint reaction of a knee, and the muscle forces in it."""
 
     axial: float
@@ -161,7 +172,9 @@ class Reaction(NamedTuple):
     """Net moment of the muscles at the ankle [N m], positive when they plantarflex it; NaN if unknown"""
 
 
-def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float) -> Reaction:
+def reaction_of(
+    person: Person, joints: Joints, net: NetMoments, vertical: float
+) -> MuscledReaction:
     """Compute the joint reaction of a knee whose muscles pull with the required forces without delay.
 
     Args:
@@ -170,13 +183,14 @@ def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float
         net: Net moments at knee and ankle.
         vertical: Vertical ground force [N].
     """
-    extension, plantarflexion = (
-        net.extension - joints.knee_assistance,
-        net.plantarflexion - joints.ankle_assistance,
-    )
-    scale, calf = person.moment_arm_scale, 0.0
+    extension = net.extension - joints.knee_assistance
+    plantarflexion = net.plantarflexion - joints.ankle_assistance
+    scale = person.moment_arm_scale
+    calf = 0.0
     if math.isfinite(plantarflexion):
-        achilles = scale * arm(ACHILLES, joints.ankle if math.isfinite(joints.ankle) else 0.0)
+        achilles = scale * moment_arm(
+            ACHILLES_ARM, joints.ankle if math.isfinite(joints.ankle) else 0.0
+        )
         calf = max(plantarflexion, 0.0) * GASTROCNEMIUS_SHARE / achilles
     muscles = muscles_of(extension, joints.flexion, calf, person.floor(vertical), scale)
-    return Reaction(net.compression + muscles.total, muscles, extension, plantarflexion)
+    return MuscledReaction(net.compression + muscles.total, muscles, extension, plantarflexion)

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import (
-    LARGEST_PULL,
-    LEAST_PEAK,
-    LIGHTEST,
-    MOST_PEAK,
-    STIFF,
+    MAX_LOAD_PEAK,
+    MAX_PULL,
+    MIN_BODY_WEIGHT,
+    MIN_LOAD_PEAK,
+    MIN_RANGE_OF_MOTION,
     weight_doubt,
 )
 from knee_contact_ros.lab.tables import Table, TimeSeries
@@ -44,7 +44,7 @@ _MOST_FLEXION = (math.degrees(MIN_FLEXION), 160.0)
 """Limits of the largest flexion [deg]: no knee under load is bent further"""
 _LARGEST_BODY_WEIGHT = 2500.0
 """Largest body weight [N] that is possible"""
-_LOAD_PEAKS = (LEAST_PEAK, MOST_PEAK)
+_LOAD_PEAKS = (MIN_LOAD_PEAK, MAX_LOAD_PEAK)
 """Limits of the peak load [BW]"""
 _USUAL_LOAD_PEAKS = (1.5, 4.0)
 """The narrower range [BW] of a peak load by which the right unit is guessed"""
@@ -247,7 +247,7 @@ def gait_doubts(
     found += outside(where, step, float(steps[worst]), "deg", (0.0, 30.0), cure)
     if load:
         least = float(load.values.min())
-        limits = (-LARGEST_PULL * (weight or TYPICAL_BODY_WEIGHT), math.inf)
+        limits = (-MAX_PULL * (weight or TYPICAL_BODY_WEIGHT), math.inf)
         cure = "does it stand for a missing one?"
         found += outside(load.where, "the least load", least, "N", limits, cure)
         found += _spike_doubts(load, weight or TYPICAL_BODY_WEIGHT)
@@ -272,7 +272,7 @@ def _rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
 def joint_doubts(series: TimeSeries) -> list[str]:
     """List what is likely a mistake of a joint's angle."""
     span = math.degrees(np.ptp(series.values))
-    limits = (math.degrees(STIFF), math.inf)
+    limits = (math.degrees(MIN_RANGE_OF_MOTION), math.inf)
     return outside(series.where, "the range of motion", span, "deg", limits, _joint_cure(series))
 
 
@@ -329,7 +329,7 @@ def peak_doubts(
     else:
         cure = f"is {load.name}.unit {unit} right, and is it a load's column?"
     if weight is None:
-        in_newtons = (limits[0] * LIGHTEST, limits[1] * _LARGEST_BODY_WEIGHT)
+        in_newtons = (limits[0] * MIN_BODY_WEIGHT, limits[1] * _LARGEST_BODY_WEIGHT)
         return outside(load.where, "the peak", peak, "N", in_newtons, cure)
     if unit is not None:
         in_unit = peak / unit_factor(unit, "force", "load", weight)

@@ -369,7 +369,7 @@ def _compute(pipeline: ContactPipeline, samples: _Samples, pairs: _Pairs) -> Ans
     medial = pipeline.rule(axial, moment, angle)
     doubtful = samples.doubtful[:number]
     if pipeline.by_moment:
-        doubtful = doubtful | pipeline.by_moment.fails(axial, medial)
+        doubtful = doubtful | pipeline.by_moment.is_impossible(axial, medial)
     status = pairs.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(pairs.status.dtype)
     stamps = samples.wrenches.stamps[:number]
     rows = tuple(
@@ -379,7 +379,7 @@ def _compute(pipeline: ContactPipeline, samples: _Samples, pairs: _Pairs) -> Ans
     pipeline.ticks += number
     pipeline.doubts.axes.add_forces(samples.wrenches.numbers["force"][:number])
     if pipeline.varies:
-        pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, angle))
+        pipeline.split.add_all(axial, medial, pipeline.rule.is_beyond_table(axial, angle))
     return AnswerBlock(rows, axial, moment, angle)
 
 

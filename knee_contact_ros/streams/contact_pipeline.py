@@ -229,7 +229,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         angle = pair.angle + self.parameters.knee.flexion_offset
         medial = self.rule(load.axial, load.moment, angle)
         status = pair.status
-        if load.doubtful or (self.by_moment and self.by_moment.fails(load.axial, medial)):
+        if load.doubtful or (self.by_moment and self.by_moment.is_impossible(load.axial, medial)):
             status |= DOUBTFUL_LOAD
         rows = []
         parts = zip(self.compartments, (medial, load.axial - medial), strict=False)
@@ -242,7 +242,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
             rows.append(row)
         self.is_lost = False
         if self.varies:
-            self.split.add(load.axial, medial, self.rule.beyond(load.axial, angle))
+            self.split.add(load.axial, medial, self.rule.is_beyond_table(load.axial, angle))
         head = header(load.stamp, load.frame_id)
         messages = tuple([head + row[MESSAGE_BYTES] for row in rows])
         wrench = head + summed_wrench(rows)
@@ -281,4 +281,4 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         """Set up the rule by which the medial load follows from the joint reaction."""
         self.rule = load_rule(parameters, self._texts)
         self.by_moment = self.rule if self.rule.by_moment else None
-        self.varies = self.rule.varies
+        self.varies = self.rule.share_varies

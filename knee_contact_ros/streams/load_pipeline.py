@@ -9,14 +9,14 @@ import math
 from typing import NamedTuple
 
 from knee_contact_ros.joint_reaction.estimator import (
-    DOUBTFUL_LOAD,
-    IMPLAUSIBLE,
-    PACKING,
+    BIT_DOUBTFUL_LOAD,
+    BIT_IMPLAUSIBLE,
+    ESTIMATE_STRUCT,
     Estimate,
     Estimator,
 )
 from knee_contact_ros.joint_reaction.leg import (
-    UNKNOWN,
+    NOT_MEASURED,
     Ground,
     Joints,
     Motion,
@@ -83,7 +83,7 @@ def joints_of(flexion: float, others: tuple[float, ...]) -> Joints:
 def _angle(message: JointState, joint: MeasuredJoint) -> float:
     """Angle [rad] of a joint; NaN if it is not measured."""
     if not joint.joint_name:
-        return UNKNOWN
+        return NOT_MEASURED
     angle = joint.sign * number_of(message, joint.joint_name, "position") + joint.offset
     if abs(angle) > LARGEST_ANGLE:
         text = f"joint_states: angle of joint {joint.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
@@ -122,7 +122,9 @@ def ground_sample(
             "out_of_range", f"{GROUND_REACTION_FORCE}: {largest}, beyond {LARGEST_TORQUE:g}"
         )
     stamp = checked_stamp(message.stamp, GROUND_REACTION_FORCE)
-    return LoadSample(stamp, message.force[1], UNKNOWN, message.frame_id, data, arrived, message)
+    return LoadSample(
+        stamp, message.force[1], NOT_MEASURED, message.frame_id, data, arrived, message
+    )
 
 
 def ground_of(
@@ -133,7 +135,7 @@ def ground_of(
     A sensor that turns with the foot is assumed to be upright if the ankle is not measured.
     """
     if parameters.components == "vertical":
-        return Ground((0.0, wrench.force[1], 0.0), (UNKNOWN, UNKNOWN, UNKNOWN))
+        return Ground((0.0, wrench.force[1], 0.0), (NOT_MEASURED, NOT_MEASURED, NOT_MEASURED))
     (force_x, force_y, force_z), (about_x, about_y, about_z) = wrench.force, wrench.torque
     at_x, at_y = parameters.ankle_x, parameters.ankle_y
     force = (force_x, force_y, force_z)
@@ -213,12 +215,12 @@ class LoadPipeline(Pipeline[LoadAnswer]):
     def answer_pair(self, pair: PairedSample) -> LoadAnswer:
         """Estimate the joint reaction."""
         sensed = self._sense(pair)
-        estimate = self._estimator.at(*sensed)
+        estimate = self._estimator.estimate(*sensed)
         stamp = pair.load.stamp
         frame = self.parameters.frame.tibia
         # A torque.y of NaN beside a number in torque.z marks a doubtful load, see `load_sample`.
-        is_doubtful = estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD)
-        torque = (estimate.frontal_moment, UNKNOWN if is_doubtful else 0.0, 0.0)
+        is_doubtful = estimate.status & (BIT_IMPLAUSIBLE | BIT_DOUBTFUL_LOAD)
+        torque = (estimate.frontal_moment, NOT_MEASURED if is_doubtful else 0.0, 0.0)
         wrench = WrenchStamped(stamp, frame, (0.0, -estimate.axial_force, 0.0), torque)
         message = encode_estimate(stamp, frame, estimate)
         return LoadAnswer(pair, sensed, estimate, encode_wrench_stamped(wrench), message)
@@ -229,23 +231,23 @@ class LoadPipeline(Pipeline[LoadAnswer]):
         The motion is computed from the measured angles; interpolated or held ones would distort it.
         """
         if pair.status & TIME_RESET:
-            self._motion.forget()
+            self._motion.forget_angles()
         for angle in pair.angles:
-            self._motion.see(angle.stamp, joints_of(angle.angle, angle.others))
+            self._motion.add_angles(angle.stamp, joints_of(angle.angle, angle.others))
         joints = joints_of(pair.angle, pair.others)
         stamp = pair.load.stamp
         wrench = pair.load.wrench
         assert wrench is not None  # noqa: S101  (by `ground_sample`)
         ground = ground_of(wrench, self.parameters.ground, joints, inclination(joints))
-        return Sensed(stamp, joints, self._motion.now(stamp), ground, pair.status)
+        return Sensed(stamp, joints, self._motion.motion_at(stamp), ground, pair.status)
 
     def retune(self, parameters: LoadParameters) -> None:
         """Continue with changed numbers among the parameters, between two ticks."""
         if _offsets(parameters) != _offsets(
             self.parameters
         ):  # the jump of the angles is no motion
-            self._motion.forget()
-            self._estimator.forget()
+            self._motion.forget_angles()
+            self._estimator.forget_forces()
         self.parameters, self.level = parameters, parameters.chosen_level
         self._estimator.configure(*_constants(parameters))
 
@@ -256,7 +258,7 @@ def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
     Raises:
         ValueError: the stamp is beyond what ROS can hold.
     """
-    return header(stamp, frame_id) + PACKING.pack(*estimate)
+    return header(stamp, frame_id) + ESTIMATE_STRUCT.pack(*estimate)
 
 
 def _constants(parameters: LoadParameters) -> tuple[str, Person, bool, float]:

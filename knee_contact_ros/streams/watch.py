@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.joint_reaction.compartments import LOADED
+from knee_contact_ros.joint_reaction.compartments import STANDING_LOAD
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import AxisCheck, InputCheck
 from knee_contact_ros.model.knee import KneeModel
@@ -261,7 +261,7 @@ class Split:
 
     def add(self, axial: float, load: float, beyond: bool = False) -> None:
         """Add a sample: axial compression [N], the compartment's load [N], and whether it lies beyond the table."""
-        if axial >= LOADED * self.body_weight:
+        if axial >= STANDING_LOAD * self.body_weight:
             share = load / axial
             self.samples += 1
             self.above += share > 1.0
@@ -274,7 +274,7 @@ class Split:
         self, axial: Floats, loads: Floats, beyond: NDArray[np.bool_] | bool = False
     ) -> None:
         """Add many samples, given as arrays of one shape; see `add`."""
-        stands = axial >= LOADED * self.body_weight
+        stands = axial >= STANDING_LOAD * self.body_weight
         shares = loads[stands] / axial[stands]
         if len(shares):
             self.samples += len(shares)

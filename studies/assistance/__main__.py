@@ -157,7 +157,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
         "limit": f"{FORCE_LIMIT:g}",
         "floor": f"{deviation.floor:g}",
         "part": f"{deviation.part:g}",
-        "deviation": f"{deviation.at(constant[0].axial.max(), weight):.0f}",
+        "deviation": f"{deviation.deviation_of(constant[0].axial.max(), weight):.0f}",
         "shown": f"{torques[SHOWN]:g}",
         "rows": "\n".join(
             f"| {torques[i]:g} | {cells(constant[i])} | {cells(law[i])} |" for i in TABLE

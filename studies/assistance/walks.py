@@ -14,7 +14,7 @@ from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.commands.demo import FORCE_LIMIT, LOAD_FILE, SENSOR_BAG
 from knee_contact_ros.joint_reaction.estimator import Estimator
-from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter
+from knee_contact_ros.joint_reaction.leg import NOT_MEASURED, Ground, Joints, MotionFilter
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -32,7 +32,7 @@ SHARE = 0.5
 """Share of the joint reaction that the medial compartment bears, as in `healthy.yaml`"""
 SECOND = 1e-9
 """Length of a nanosecond [s]"""
-NO_TORQUE = (UNKNOWN, UNKNOWN, UNKNOWN)
+NO_TORQUE = (NOT_MEASURED, NOT_MEASURED, NOT_MEASURED)
 
 
 class Sample(NamedTuple):
@@ -135,11 +135,11 @@ def walk(
     torques, axial, force, off = [], [], [], []
     for sample in samples:
         torques.append(law(sample, contact))
-        joints = Joints(sample.flexion, UNKNOWN, UNKNOWN, knee_assistance=torques[-1])
-        estimate = estimator.at(
+        joints = Joints(sample.flexion, NOT_MEASURED, NOT_MEASURED, knee_assistance=torques[-1])
+        estimate = estimator.estimate(
             sample.stamp,
             joints,
-            motion.see(sample.stamp, joints),
+            motion.add_angles(sample.stamp, joints),
             Ground((0.0, sample.vertical, 0.0), NO_TORQUE),
         )
         stream.advance(sample.stamp, sample.flexion, SHARE * estimate.axial_force)

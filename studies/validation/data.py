@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.joint_reaction.compartments import LOADED
+from knee_contact_ros.joint_reaction.compartments import STANDING_LOAD
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import (
     GRAVITY,
-    UNKNOWN,
+    NOT_MEASURED,
     Ground,
     Joints,
     Leg,
@@ -109,7 +109,7 @@ class Walk(NamedTuple):
     def trial(self) -> Trial:
         """The trial relative to the body weight, as the fits of shares take it."""
         weight = self.person.body_weight
-        moment = np.where(self.used, self.frontal, UNKNOWN) / weight
+        moment = np.where(self.used, self.frontal, NOT_MEASURED) / weight
         return Trial(self.flexion, self.total / weight, self.medial / weight, moment)
 
     def nets(self, level: str) -> list[NetMoments]:
@@ -117,9 +117,11 @@ class Walk(NamedTuple):
         if level == "ankle_moment":
             return self.moments
         if level == "knee_moment":
-            return [net._replace(plantarflexion=UNKNOWN) for net in self.moments]
+            return [net._replace(plantarflexion=NOT_MEASURED) for net in self.moments]
         dynamics, leg = LOAD_LEVELS[level].dynamics, self.leg
-        grounds = [Ground((0.0, force, 0.0), (UNKNOWN,) * 3) for force in self.vertical.tolist()]
+        grounds = [
+            Ground((0.0, force, 0.0), (NOT_MEASURED,) * 3) for force in self.vertical.tolist()
+        ]
         return [
             dynamics(leg, *each) for each in zip(self.joints, self.motions, grounds, strict=True)
         ]
@@ -185,10 +187,10 @@ def _walk(person: Person, path: Path) -> Walk:
             name for name in table.names if name.endswith("knee_l_on_tibia_l_in_tibia_l_mx")
         )
         frontal = np.interp(time, table.stamps / SECOND, -table.column(column))
-    joints = [Joints(angle, UNKNOWN, UNKNOWN) for angle in flexion.tolist()]
+    joints = [Joints(angle, NOT_MEASURED, NOT_MEASURED) for angle in flexion.tolist()]
     seen = MotionFilter(WINDOW)
     motions = [
-        seen.see(round(stamp * SECOND), each)
+        seen.add_angles(round(stamp * SECOND), each)
         for stamp, each in zip(time.tolist(), joints, strict=True)
     ]
     without_muscles = (
@@ -198,7 +200,7 @@ def _walk(person: Person, path: Path) -> Walk:
     columns = zip(
         extension.tolist(), plantarflexion.tolist(), without_muscles.tolist(), strict=True
     )
-    moments = [NetMoments(knee, ankle, force, UNKNOWN) for knee, ankle, force in columns]
+    moments = [NetMoments(knee, ankle, force, NOT_MEASURED) for knee, ankle, force in columns]
     spikes = (np.abs(extension) > KNEE_SPIKE * person.body_weight) | (
         np.abs(plantarflexion) > ANKLE_SPIKE * person.body_weight
     )
@@ -253,4 +255,4 @@ def runs(flags: Flags) -> list[tuple[int, int]]:
 
 def stands(walk: Walk) -> Flags:
     """Samples while the leg stands, shape (n,)."""
-    return np.asarray(walk.total > LOADED * walk.person.body_weight)
+    return np.asarray(walk.total > STANDING_LOAD * walk.person.body_weight)

@@ -85,7 +85,7 @@ def rules(known: Sequence[Walk]) -> dict[str, Share]:
         "line": partial(_by_line, trials, parts),
         "curve": lambda walk: curve.at(loads(walk)[0]) * loads(walk)[0],
         "table": lambda walk: (
-            np.asarray(measured.share(loads(walk)[0], walk.flexion)) * loads(walk)[0]
+            np.asarray(measured.share_at(loads(walk)[0], walk.flexion)) * loads(walk)[0]
         ),
         "external": partial(by_moment, SPACING, 2),
         "moment": partial(by_moment, SPACING, 1),

@@ -11,8 +11,8 @@ from scipy.optimize import least_squares
 
 from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.answers import read_bag
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Deviation, Estimator
-from knee_contact_ros.joint_reaction.leg import GRAVITY, UNKNOWN, Ground
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, AxialDeviation, Estimator
+from knee_contact_ros.joint_reaction.leg import GRAVITY, NOT_MEASURED, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
 from knee_contact_ros.parameters.load_schema import PersonSection
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
@@ -41,7 +41,7 @@ def axial(walk: Walk, level: str, person: Constants) -> Floats:
     rows = zip(stamps.tolist(), walk.joints, walk.nets(level), walk.vertical.tolist(), strict=True)
     return np.array(
         [
-            estimator.react(stamp, joints, Ground((0.0, force, 0.0), (UNKNOWN,) * 3), net, 0)[
+            estimator.react(stamp, joints, Ground((0.0, force, 0.0), (NOT_MEASURED,) * 3), net, 0)[
                 0
             ].axial
             for stamp, joints, net, force in rows
@@ -185,7 +185,7 @@ def by_person(found: Sequence[Estimate], value: Callable[[Estimate], float]) -> 
     }
 
 
-def covered(each: Estimate, deviation: Deviation, stance: bool) -> tuple[float, float]:
+def covered(each: Estimate, deviation: AxialDeviation, stance: bool) -> tuple[float, float]:
     """Parts of the used samples, in stance or in swing, whose error is within one and two standard deviations."""
     weight = each.walk.person.body_weight
     told = np.hypot(deviation.floor * weight, deviation.part * each.force)
@@ -199,10 +199,10 @@ WANTED = (0.68, 0.95)
 FLOORS, PARTS = np.arange(0.05, 0.61, 0.025), np.arange(0.0, 0.31, 0.025)
 
 
-def deviation_of(found: Sequence[Estimate]) -> Deviation:
+def deviation_of(found: Sequence[Estimate]) -> AxialDeviation:
     """Smallest deviation that covers `WANTED` in stance and in swing, on average over persons."""
 
-    def short(deviation: Deviation) -> float:
+    def short(deviation: AxialDeviation) -> float:
         parts = [
             by_person(found, lambda each, s=stance, w=which: covered(each, deviation, s)[w])  # type: ignore[misc]
             for stance in (True, False)
@@ -214,7 +214,7 @@ def deviation_of(found: Sequence[Estimate]) -> Deviation:
             for part, want in zip(parts, wanted, strict=True)
         )
 
-    def size(deviation: Deviation) -> float:
+    def size(deviation: AxialDeviation) -> float:
         return sum(
             float(
                 np.mean(
@@ -226,5 +226,5 @@ def deviation_of(found: Sequence[Estimate]) -> Deviation:
             for each in found
         )
 
-    tried = [Deviation(float(floor), float(part)) for floor, part in product(FLOORS, PARTS)]
+    tried = [AxialDeviation(float(floor), float(part)) for floor, part in product(FLOORS, PARTS)]
     return min(tried, key=lambda each: (round(float(short(each)), 4), size(each)))

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from random import Random
 
-from knee_contact_ros.joint_reaction.leg import STANDING, Ground, Joints, Motion, Turning, leg_of
+from knee_contact_ros.joint_reaction.leg import (
+    NOT_TURNING,
+    Ground,
+    Joints,
+    Motion,
+    Turning,
+    leg_of,
+)
 from knee_contact_ros.joint_reaction.muscles import Person
 
 PERSON = Person(75.0, 1.8, 0.9, 0.2, 0.05, 0.0)
@@ -15,7 +22,7 @@ MS = 1_000_000
 """[ns]"""
 EPOCH = 1_700_000_000_000_000_000
 """[ns] a stamp of today"""
-STANDING_STILL = Motion(STANDING, STANDING, STANDING)
+STANDING_STILL = Motion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
 
 
 def angles(draw: Random) -> Joints:

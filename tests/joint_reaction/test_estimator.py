@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import (
-    STANDING,
-    UNKNOWN,
+    NOT_MEASURED,
+    NOT_TURNING,
     Ground,
     Joints,
     Motion,
@@ -37,7 +37,7 @@ from tests.joint_reaction.lagrange import Chain
 
 WINDOW = 0.05
 STANCE = Ground((20.0, 700.0, -15.0), (3.0, 2.0, 40.0))
-NOT_MEASURED = (UNKNOWN, UNKNOWN, UNKNOWN)
+NOT_MEASURED = (NOT_MEASURED, NOT_MEASURED, NOT_MEASURED)
 FEW = 1e-11
 """[N m] or [N]: some roundings of 1e-16 of 3000 N at most"""
 draws = st.integers(0, 2**32).map(Random)
@@ -50,7 +50,9 @@ class Seeing:
         self.estimator, self.motion = Estimator(level, PERSON, *trust), MotionFilter(WINDOW)
 
     def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
-        return self.estimator.at(stamp, joints, self.motion.see(stamp, joints), sensed, status)
+        return self.estimator.estimate(
+            stamp, joints, self.motion.add_angles(stamp, joints), sensed, status
+        )
 
 
 @pytest.mark.parametrize(
@@ -72,16 +74,16 @@ def test_the_weight_above_a_bent_knee_by_hand(
 ) -> None:
     under = Ground((0.0, force, 0.0), NOT_MEASURED)
     found = LOAD_LEVELS["ground_force"].dynamics(
-        LEG, Joints(flexion, UNKNOWN, UNKNOWN), STANDING_STILL, under
+        LEG, Joints(flexion, NOT_MEASURED, NOT_MEASURED), STANDING_STILL, under
     )
     compression = max(force, 0.0) - 0.061 * 75.0 * 9.80665  # without shank and foot
-    expected = (extension, UNKNOWN, compression, UNKNOWN)
+    expected = (extension, NOT_MEASURED, compression, NOT_MEASURED)
     assert found == pytest.approx(expected, abs=FEW, nan_ok=True)
     turning = STANDING_STILL._replace(
         flexion=Turning(3.0, 100.0)
     )  # half of it stopped by flexors, where nothing is borne
     stopped = LOAD_LEVELS["ground_force"].dynamics(
-        LEG, Joints(flexion, UNKNOWN, UNKNOWN), turning, under
+        LEG, Joints(flexion, NOT_MEASURED, NOT_MEASURED), turning, under
     )
     inertia = (
         0.0465 * 75.0 * (0.302**2 + 0.433**2) * (0.246 * 1.8) ** 2
@@ -106,22 +108,25 @@ def test_what_each_level_looks_at(draw: Random) -> None:
         ]
 
     bare = (
-        Joints(joints.flexion, UNKNOWN, UNKNOWN),
+        Joints(joints.flexion, NOT_MEASURED, NOT_MEASURED),
         STANDING_STILL._replace(flexion=moving.flexion),
-        Ground((UNKNOWN, sensed.force[1], UNKNOWN), NOT_MEASURED),
+        Ground((NOT_MEASURED, sensed.force[1], NOT_MEASURED), NOT_MEASURED),
     )
     assert by("ground_force", joints) == by("ground_force", *bare)
     extension, _, compression, frontal = net_moments(
-        LEG, joints._replace(ankle=0.0), moving._replace(ankle=STANDING), sensed
+        LEG, joints._replace(ankle=0.0), moving._replace(ankle=NOT_TURNING), sensed
     )
-    for ankle in (joints.ankle, UNKNOWN):  # foot and shank are one body, whatever the ankle does
+    for ankle in (
+        joints.ankle,
+        NOT_MEASURED,
+    ):  # foot and shank are one body, whatever the ankle does
         assert by("knee_moment", joints._replace(ankle=ankle)) == [
             extension,
             "?",
             compression,
             frontal,
         ]
-    flat = joints._replace(hip=UNKNOWN)
+    flat = joints._replace(hip=NOT_MEASURED)
     extension, _, compression, frontal = net_moments(LEG, flat, moving, sensed)
     assert by("knee_moment", flat) == [extension, "?", compression, frontal]
     assert by("ankle_moment", joints) == list(net_moments(LEG, joints, moving, sensed))
@@ -138,7 +143,7 @@ def test_what_is_passed_through_and_how_far_it_is_trusted(level: str, number: in
             (0.2, 0.2, 0.0),
         ):
             trusted = Seeing(level, calibrated, given_deviation)
-            found = trusted.at(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
+            found = trusted.estimate(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
             assert (found.flexion_angle, found.assistance) == (0.4, 12.5)
             assert (found.level, found.calibrated, found.status) == (number, calibrated, 17)
             expected = math.sqrt((floor * weight) ** 2 + (part * found.axial_force) ** 2)
@@ -151,9 +156,9 @@ ANKLE = {"ankle_moment"}
 KNEE = {"axial_force", "standard_deviation", "quadriceps_force", "knee_moment", "frontal_moment"}
 FULL, TORQUE = Joints(0.4, 0.2, 0.1), STANCE.torque
 NO_HIP, NO_ANKLE, ALONE = (
-    FULL._replace(hip=UNKNOWN),
-    FULL._replace(ankle=UNKNOWN),
-    Joints(0.4, UNKNOWN, UNKNOWN),
+    FULL._replace(hip=NOT_MEASURED),
+    FULL._replace(ankle=NOT_MEASURED),
+    Joints(0.4, NOT_MEASURED, NOT_MEASURED),
 )
 
 
@@ -177,7 +182,7 @@ def test_what_is_not_known_is_not_a_number(
 ) -> None:
     told = Seeing(level)
     for number in range(100):
-        found = told.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
+        found = told.estimate(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
         if number in (0, 99):
             assert {
                 name for name, value in found._asdict().items() if math.isnan(value)
@@ -200,7 +205,7 @@ def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw
     for number in range(-50, 1):
         time = 1e-3 * number
         hip, flexion, ankle = (curves @ (1.0, time, 0.5 * time * time)).tolist()
-        found = one.at(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
+        found = one.estimate(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
     rates = curves[:, 1] - 0.5 * WINDOW * curves[:, 2]
     expected = Chain(LEG).holds(
         curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2]
@@ -231,7 +236,9 @@ def test_movements_without_constants_are_doubtful_for_a_stride(
 
     def status(stamp: int, flexion: float, force: float) -> int:
         sensed = Ground((0.0, force * weight, 0.0), NOT_MEASURED)
-        return one.at(EPOCH + stamp, Joints(flexion, UNKNOWN, UNKNOWN), sensed).status
+        return one.estimate(
+            EPOCH + stamp, Joints(flexion, NOT_MEASURED, NOT_MEASURED), sensed
+        ).status
 
     assert status(0, flexion, force) == (Status.DOUBTFUL_LOAD if marked else 0)
     assert status(SECOND, 0.1, 0.5) == (Status.DOUBTFUL_LOAD if marked else 0)
@@ -239,10 +246,12 @@ def test_movements_without_constants_are_doubtful_for_a_stride(
 
 
 def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not() -> None:
-    still, one = Joints(1.2, UNKNOWN, UNKNOWN), Seeing("ground_force")
+    still, one = Joints(1.2, NOT_MEASURED, NOT_MEASURED), Seeing("ground_force")
     found = [
-        one.at(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status
+        one.estimate(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status
         for number in range(6)
     ]
     assert found == [0] * 4 + [Status.DOUBTFUL_LOAD] * 2
-    assert one.at(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status == 0
+    assert (
+        one.estimate(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status == 0
+    )

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction.leg import (
-    FEWEST,
-    STANDING,
-    STILL,
-    UNKNOWN,
+    MIN_MOTION_SAMPLES,
+    MOTIONLESS,
+    NOT_MEASURED,
+    NOT_TURNING,
     Ground,
     Joints,
     Leg,
@@ -93,15 +93,15 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
     for found, expected in (
         ((joints, moving), (joints, moving)),
         (
-            (joints._replace(ankle=UNKNOWN), moving),
-            (joints._replace(ankle=0.0), moving._replace(ankle=STANDING)),
+            (joints._replace(ankle=NOT_MEASURED), moving),
+            (joints._replace(ankle=0.0), moving._replace(ankle=NOT_TURNING)),
         ),
-        ((joints._replace(hip=UNKNOWN), moving), (flat, STANDING_STILL)),
+        ((joints._replace(hip=NOT_MEASURED), moving), (flat, STANDING_STILL)),
     ):
         assert net_moments(leg, *found, under)[:3] == pytest.approx(
             by_lagrange(leg, *expected, under), abs=ROUNDINGS
         )
-    alone = net_moments(leg, joints._replace(hip=UNKNOWN), moving, under)
+    alone = net_moments(leg, joints._replace(hip=NOT_MEASURED), moving, under)
     assert alone.frontal == pytest.approx(still(flat, under, leg).frontal, abs=FEW)
 
 
@@ -123,7 +123,7 @@ def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(dra
 def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
     """At every sample of a stream."""
     told = MotionFilter(window)
-    return [told.see(*sample) for sample in samples]
+    return [told.add_angles(*sample) for sample in samples]
 
 
 def within(samples: Samples, span: int = SPAN) -> Samples:
@@ -161,9 +161,9 @@ def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) ->
     samples = walking(3000, step, shaken)
     told = MotionFilter(WINDOW)
     for number in range(1000):
-        told.see(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
-    found = [told.see(*sample) for sample in samples]
-    assert found[-1] != STILL
+        told.add_angles(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
+    found = [told.add_angles(*sample) for sample in samples]
+    assert found[-1] != MOTIONLESS
     for number in range(2000, 3000, 97):
         assert along(within(samples[: number + 1]))[-1] == found[number]
 
@@ -171,27 +171,30 @@ def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) ->
 def test_it_forgets_when_told_and_after_a_pause() -> None:
     samples, told = walking(200), MotionFilter(WINDOW)
     for sample in samples:
-        told.see(*sample)
-    told.forget()
+        told.add_angles(*sample)
+    told.forget_angles()
     earlier, later = (
         [(stamp + shift * MS, joints) for stamp, joints in samples] for shift in (-3000, 60000)
     )
-    assert [told.see(*sample) for sample in [*earlier, *later]] == [*along(earlier), *along(later)]
+    assert [told.add_angles(*sample) for sample in [*earlier, *later]] == [
+        *along(earlier),
+        *along(later),
+    ]
 
 
 @pytest.mark.parametrize(
     ("samples", "still"),
     [
         (walking(100), 25),  # until half a window is known
-        (walking(8, 12 * MS), FEWEST - 1),  # until a few angles are
+        (walking(8, 12 * MS), MIN_MOTION_SAMPLES - 1),  # until a few angles are
         (walking(30, 20 * MS), 30),  # three in a window
     ],
 )
 def test_it_is_still_until_enough_is_known(samples: Samples, still: int) -> None:
-    assert [motion == STILL for motion in along(samples)] == [True] * still + [False] * (
+    assert [motion == MOTIONLESS for motion in along(samples)] == [True] * still + [False] * (
         len(samples) - still
     )
-    assert set(along(samples, 0.0)) == {STILL}
+    assert set(along(samples, 0.0)) == {MOTIONLESS}
 
 
 @pytest.mark.parametrize("missing", [("hip",), ("ankle",), ("hip", "ankle")])
@@ -203,9 +206,9 @@ def test_a_joint_that_is_not_measured_stands_and_harms_no_other(
     samples = walking(200)
     known = [one and number != 100 for number in range(200)]
     seen = [
-        each if there else (each[0], each[1]._replace(**dict.fromkeys(missing, UNKNOWN)))
+        each if there else (each[0], each[1]._replace(**dict.fromkeys(missing, NOT_MEASURED)))
         for each, there in zip(samples, known, strict=True)
     ]
-    standing = dict.fromkeys(missing, STANDING)
+    standing = dict.fromkeys(missing, NOT_TURNING)
     for number, (found, whole) in enumerate(zip(along(seen), along(samples), strict=True)):
         assert found == (whole if one and not 100 <= number <= 150 else whole._replace(**standing))

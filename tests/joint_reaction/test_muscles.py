@@ -12,26 +12,36 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction import muscles as package
 from knee_contact_ros.joint_reaction.leg import Joints, NetMoments
-from knee_contact_ros.joint_reaction.muscles import Lag, Muscles, arm, muscles_of, reaction_of
+from knee_contact_ros.joint_reaction.muscles import (
+    ActivationLag,
+    Muscles,
+    moment_arm,
+    muscles_of,
+    reaction_of,
+)
 from tests.joint_reaction.examples import PERSON
 
 MUSCLES = {
     "quadriceps": (
-        package.QUADRICEPS,
+        package.QUADRICEPS_ARM,
         (-10.0, 110.0),
         {0: 44.63, 30: 45.84, 60: 37.52, 90: 27.32},
     ),
     "hamstrings": (
-        package.HAMSTRINGS,
+        package.HAMSTRINGS_ARM,
         (-10.0, 110.0),
         {0: 26.16, 30: 34.25, 60: 31.20, 90: 18.83},
     ),
     "gastrocnemius": (
-        package.GASTROCNEMIUS,
+        package.GASTROCNEMIUS_ARM,
         (-10.0, 110.0),
         {0: 22.20, 30: 20.92, 60: 17.74, 90: 13.73},
     ),
-    "achilles": (package.ACHILLES, (-30.0, 25.0), {-20: 47.82, -10: 47.40, 0: 45.73, 20: 38.67}),
+    "achilles": (
+        package.ACHILLES_ARM,
+        (-30.0, 25.0),
+        {-20: 47.82, -10: 47.40, 0: 45.73, 20: 38.67},
+    ),
 }
 """Coefficients, range [deg], and arms [mm] at angles [deg]; each is a sum of powers, by hand"""
 ROUNDINGS = 1e-12
@@ -46,19 +56,19 @@ scales = st.floats(0.7, 1.4)
 def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> None:
     coefficients, span, known = MUSCLES[name]
     for degrees, millimetres in known.items():  # with two decimals
-        assert 1e3 * arm(coefficients, math.radians(degrees)) == pytest.approx(
+        assert 1e3 * moment_arm(coefficients, math.radians(degrees)) == pytest.approx(
             millimetres, abs=0.0051
         )
     for angle in np.linspace(*np.radians(span), 200)[1:-1].tolist():
         expected = float(np.polynomial.polynomial.polyval(angle, coefficients))
-        assert arm(coefficients, angle) == pytest.approx(expected, rel=1e-14)  # roundings
-        assert 0.005 < arm(coefficients, angle) < 0.06
+        assert moment_arm(coefficients, angle) == pytest.approx(expected, rel=1e-14)  # roundings
+        assert 0.005 < moment_arm(coefficients, angle) < 0.06
     for end, sign in zip(np.radians(span).tolist(), (-1.0, 1.0), strict=True):
         # the end is told with four decimals of a radian, and no arm changes by more than 0.05 m/rad
-        assert arm(coefficients, end + sign) == pytest.approx(
-            arm(coefficients, end), abs=0.05 * 5e-5
+        assert moment_arm(coefficients, end + sign) == pytest.approx(
+            moment_arm(coefficients, end), abs=0.05 * 5e-5
         )
-        assert arm(coefficients, end + 9.0 * sign) == arm(coefficients, end + sign)
+        assert moment_arm(coefficients, end + 9.0 * sign) == moment_arm(coefficients, end + sign)
 
 
 class Arms(NamedTuple):
@@ -85,7 +95,7 @@ class Arms(NamedTuple):
 
 def arms(flexion: float, scale: float = 1.0) -> Arms:
     """By NumPy's polynomials."""
-    told = (package.QUADRICEPS, package.HAMSTRINGS, package.GASTROCNEMIUS)
+    told = (package.QUADRICEPS_ARM, package.HAMSTRINGS_ARM, package.GASTROCNEMIUS_ARM)
     return Arms(*[scale * float(np.polynomial.polynomial.polyval(flexion, one)) for one in told])
 
 
@@ -93,17 +103,17 @@ def arms(flexion: float, scale: float = 1.0) -> Arms:
 def test_the_forces_make_the_moment_that_is_asked_for_and_both_sides_pull_with_half_the_floor(
     moment: float, flexion: float, calf: float, floor: float, scale: float
 ) -> None:
-    muscles, arm = muscles_of(moment, flexion, calf, floor, scale), arms(flexion, scale)
+    muscles, moment_arm = muscles_of(moment, flexion, calf, floor, scale), arms(flexion, scale)
     assert muscles.gastrocnemius == calf
-    assert arm.moment(muscles) == pytest.approx(moment, abs=ROUNDINGS * 400.0)
+    assert moment_arm.moment(muscles) == pytest.approx(moment, abs=ROUNDINGS * 400.0)
     assert min(muscles) >= 0.0
     assert muscles.quadriceps >= 0.5 * floor
     assert muscles.hamstrings + calf >= 0.5 * floor * (1.0 - ROUNDINGS)
     assert muscles.total == sum(muscles)
     # Beyond the floor, only the side that is needed pulls.
-    if moment > arm.at_rest(calf, floor) + ROUNDINGS * 400.0:
+    if moment > moment_arm.at_rest(calf, floor) + ROUNDINGS * 400.0:
         assert muscles.hamstrings == max(0.5 * floor - calf, 0.0)
-    elif moment < arm.at_rest(calf, floor) - ROUNDINGS * 400.0:
+    elif moment < moment_arm.at_rest(calf, floor) - ROUNDINGS * 400.0:
         assert muscles.quadriceps == 0.5 * floor
 
 
@@ -114,19 +124,19 @@ MS = 1_000_000
 @pytest.mark.parametrize("step", [MS // 7, MS, 20 * MS, 500 * MS])
 def test_the_lag_is_that_of_a_first_order_at_any_rate(step: int) -> None:
     """Of a need that rises by 1000 N/s from 200 N on: it is behind by 25 ms of that, once e^(-t / 25 ms) has faded."""
-    lag = Lag()
+    lag = ActivationLag()
     for stamp in range(0, 1000 * MS + 1, step):
-        found = lag.at(stamp, Muscles(200.0 + 1e-6 * stamp, 0.0, 0.0), 0.025).quadriceps
+        found = lag.forces_at(stamp, Muscles(200.0 + 1e-6 * stamp, 0.0, 0.0), 0.025).quadriceps
         expected = 200.0 + 1e-6 * stamp - 25.0 * (1.0 - math.exp(-1e-9 * stamp / 0.025))
         assert found == pytest.approx(expected, rel=1e-9)  # sums of up to 7000 roundings
-    assert lag.at(stamp, Muscles(7.0, 8.0, 9.0), 0.025) == (
+    assert lag.forces_at(stamp, Muscles(7.0, 8.0, 9.0), 0.025) == (
         7.0,
         8.0,
         9.0,
     )  # a stamp that is not later begins anew
-    assert lag.at(stamp + MS, Muscles(1.0, 2.0, 3.0), 0.0) == (1.0, 2.0, 3.0)
-    lag.forget()
-    assert lag.at(stamp + 2 * MS, Muscles(4.0, 5.0, 6.0), 0.025) == (4.0, 5.0, 6.0)
+    assert lag.forces_at(stamp + MS, Muscles(1.0, 2.0, 3.0), 0.0) == (1.0, 2.0, 3.0)
+    lag.forget_forces()
+    assert lag.forces_at(stamp + 2 * MS, Muscles(4.0, 5.0, 6.0), 0.025) == (4.0, 5.0, 6.0)
 
 
 def test_the_gastrocnemius_by_hand() -> None:

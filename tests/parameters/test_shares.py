@@ -124,15 +124,16 @@ def shipped() -> ShareTable:
 
 def test_a_small_table_by_hand() -> None:
     rule = MeasuredShare(read_share_table("small.csv", SMALL), 500.0)
-    assert rule.share(500.0, 0.0) == pytest.approx(0.6)
-    assert rule.share(500.0, 0.5) == pytest.approx((0.5 + 0.7 + 0.3 + 1.0) / 4.0)
-    assert rule.share(1000.0, 1.0) == 1.0  # all, to the last bit
+    assert rule.share_at(500.0, 0.0) == pytest.approx(0.6)
+    assert rule.share_at(500.0, 0.5) == pytest.approx((0.5 + 0.7 + 0.3 + 1.0) / 4.0)
+    assert rule.share_at(1000.0, 1.0) == 1.0  # all, to the last bit
     assert (
-        rule.share(5000.0, -0.3) == rule.share(1000.0, 0.0) == pytest.approx(0.7)
+        rule.share_at(5000.0, -0.3) == rule.share_at(1000.0, 0.0) == pytest.approx(0.7)
     )  # held at the edge
-    assert rule.share(-100.0, 3.0) == rule.share(0.0, 1.0) == pytest.approx(0.3)
+    assert rule.share_at(-100.0, 3.0) == rule.share_at(0.0, 1.0) == pytest.approx(0.3)
     assert [
-        rule.beyond(*at) for at in ((500.0, 0.5), (1001.0, 0.5), (-1.0, 0.5), (500.0, 1.1))
+        rule.is_beyond_table(*at)
+        for at in ((500.0, 0.5), (1001.0, 0.5), (-1.0, 0.5), (500.0, 1.1))
     ] == [
         False,
         True,
@@ -146,12 +147,12 @@ def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(
     axial: float, flexion: float
 ) -> None:
     rule = MeasuredShare(shipped(), WEIGHT)
-    assert rule.share(np.array([axial]), np.array([flexion])).tolist() == [
-        rule.share(axial, flexion)
+    assert rule.share_at(np.array([axial]), np.array([flexion])).tolist() == [
+        rule.share_at(axial, flexion)
     ]
-    assert 0.0 <= rule.share(axial, flexion) <= 1.0
-    assert rule.beyond(np.array([axial]), np.array([flexion])).tolist() == [
-        rule.beyond(axial, flexion)
+    assert 0.0 <= rule.share_at(axial, flexion) <= 1.0
+    assert rule.is_beyond_table(np.array([axial]), np.array([flexion])).tolist() == [
+        rule.is_beyond_table(axial, flexion)
     ]
 
 
