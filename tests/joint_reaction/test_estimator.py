@@ -37,7 +37,7 @@ from tests.joint_reaction.lagrange import Chain
 
 WINDOW = 0.05
 STANCE = Ground((20.0, 700.0, -15.0), (3.0, 2.0, 40.0))
-NOT_MEASURED = (NOT_MEASURED, NOT_MEASURED, NOT_MEASURED)
+NO_TORQUE = (NOT_MEASURED, NOT_MEASURED, NOT_MEASURED)
 FEW = 1e-11
 """[N m] or [N]: some roundings of 1e-16 of 3000 N at most"""
 draws = st.integers(0, 2**32).map(Random)
@@ -72,7 +72,7 @@ class Seeing:
 def test_the_weight_above_a_bent_knee_by_hand(
     flexion: float, force: float, extension: float
 ) -> None:
-    under = Ground((0.0, force, 0.0), NOT_MEASURED)
+    under = Ground((0.0, force, 0.0), NO_TORQUE)
     found = LOAD_LEVELS["ground_force"].dynamics(
         LEG, Joints(flexion, NOT_MEASURED, NOT_MEASURED), STANDING_STILL, under
     )
@@ -110,7 +110,7 @@ def test_what_each_level_looks_at(draw: Random) -> None:
     bare = (
         Joints(joints.flexion, NOT_MEASURED, NOT_MEASURED),
         STANDING_STILL._replace(flexion=moving.flexion),
-        Ground((NOT_MEASURED, sensed.force[1], NOT_MEASURED), NOT_MEASURED),
+        Ground((NOT_MEASURED, sensed.force[1], NOT_MEASURED), NO_TORQUE),
     )
     assert by("ground_force", joints) == by("ground_force", *bare)
     extension, _, compression, frontal = net_moments(
@@ -166,11 +166,11 @@ NO_HIP, NO_ANKLE, ALONE = (
     ("level", "joints", "torque", "unknown"),
     [
         ("ground_force", FULL, TORQUE, {*ANKLE, "frontal_moment"}),
-        ("ground_force", ALONE, NOT_MEASURED, {*ANKLE, "frontal_moment"}),
+        ("ground_force", ALONE, NO_TORQUE, {*ANKLE, "frontal_moment"}),
         ("knee_moment", FULL, TORQUE, ANKLE),
         ("knee_moment", NO_ANKLE, TORQUE, ANKLE),
         ("knee_moment", NO_HIP, TORQUE, ANKLE),
-        ("knee_moment", FULL, NOT_MEASURED, ANKLE | KNEE),
+        ("knee_moment", FULL, NO_TORQUE, ANKLE | KNEE),
         ("knee_moment", ALONE, TORQUE, {*ANKLE, *KNEE, "resultant_force"}),
         ("ankle_moment", FULL, TORQUE, set()),
         ("ankle_moment", NO_HIP, TORQUE, set()),
@@ -235,7 +235,7 @@ def test_movements_without_constants_are_doubtful_for_a_stride(
     weight, one = PERSON.weight, Seeing("ground_force")
 
     def status(stamp: int, flexion: float, force: float) -> int:
-        sensed = Ground((0.0, force * weight, 0.0), NOT_MEASURED)
+        sensed = Ground((0.0, force * weight, 0.0), NO_TORQUE)
         return one.estimate(
             EPOCH + stamp, Joints(flexion, NOT_MEASURED, NOT_MEASURED), sensed
         ).status
@@ -248,10 +248,8 @@ def test_movements_without_constants_are_doubtful_for_a_stride(
 def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not() -> None:
     still, one = Joints(1.2, NOT_MEASURED, NOT_MEASURED), Seeing("ground_force")
     found = [
-        one.estimate(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status
+        one.estimate(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status
         for number in range(6)
     ]
     assert found == [0] * 4 + [Status.DOUBTFUL_LOAD] * 2
-    assert (
-        one.estimate(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status == 0
-    )
+    assert one.estimate(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status == 0
