@@ -43,8 +43,8 @@ FEW = 1e-11
 draws = st.integers(0, 2**32).map(Random)
 
 
-class Seeing:
-    """An estimator that is told the joints at every stamp, with what it sees of their motion."""
+class EstimatorWithMotion:
+    """An estimator with a filter that computes the motion of the same joints."""
 
     def __init__(self, level: str, *trust: Any) -> None:
         self.estimator, self.motion = Estimator(level, PERSON, *trust), MotionFilter(WINDOW)
@@ -142,8 +142,8 @@ def test_what_is_passed_through_and_how_far_it_is_trusted(level: str, number: in
             (0.0, measured.floor, measured.part),
             (0.2, 0.2, 0.0),
         ):
-            trusted = Seeing(level, calibrated, given_deviation)
-            found = trusted.estimate(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
+            trusted = EstimatorWithMotion(level, calibrated, given_deviation)
+            found = trusted.at(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
             assert (found.flexion_angle, found.assistance) == (0.4, 12.5)
             assert (found.level, found.calibrated, found.status) == (number, calibrated, 17)
             expected = math.sqrt((floor * weight) ** 2 + (part * found.axial_force) ** 2)
@@ -180,9 +180,9 @@ NO_HIP, NO_ANKLE, ALONE = (
 def test_what_is_not_known_is_not_a_number(
     level: str, joints: Joints, torque: Any, unknown: set[str]
 ) -> None:
-    told = Seeing(level)
+    told = EstimatorWithMotion(level)
     for number in range(100):
-        found = told.estimate(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
+        found = told.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
         if number in (0, 99):
             assert {
                 name for name, value in found._asdict().items() if math.isnan(value)
@@ -201,11 +201,11 @@ def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw
             for _ in range(3)
         ]
     )
-    sensed, one = ground(draw), Seeing("ankle_moment")
+    sensed, one = ground(draw), EstimatorWithMotion("ankle_moment")
     for number in range(-50, 1):
         time = 1e-3 * number
         hip, flexion, ankle = (curves @ (1.0, time, 0.5 * time * time)).tolist()
-        found = one.estimate(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
+        found = one.at(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
     rates = curves[:, 1] - 0.5 * WINDOW * curves[:, 2]
     expected = Chain(LEG).holds(
         curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2]
@@ -232,13 +232,11 @@ SECOND = 1000 * MS
 def test_movements_without_constants_are_doubtful_for_a_stride(
     flexion: float, force: float, marked: bool
 ) -> None:
-    weight, one = PERSON.weight, Seeing("ground_force")
+    weight, one = PERSON.weight, EstimatorWithMotion("ground_force")
 
     def status(stamp: int, flexion: float, force: float) -> int:
         sensed = Ground((0.0, force * weight, 0.0), NO_TORQUE)
-        return one.estimate(
-            EPOCH + stamp, Joints(flexion, NOT_MEASURED, NOT_MEASURED), sensed
-        ).status
+        return one.at(EPOCH + stamp, Joints(flexion, NOT_MEASURED, NOT_MEASURED), sensed).status
 
     assert status(0, flexion, force) == (Status.DOUBTFUL_LOAD if marked else 0)
     assert status(SECOND, 0.1, 0.5) == (Status.DOUBTFUL_LOAD if marked else 0)
@@ -246,10 +244,10 @@ def test_movements_without_constants_are_doubtful_for_a_stride(
 
 
 def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not() -> None:
-    still, one = Joints(1.2, NOT_MEASURED, NOT_MEASURED), Seeing("ground_force")
+    still, one = Joints(1.2, NOT_MEASURED, NOT_MEASURED), EstimatorWithMotion("ground_force")
     found = [
-        one.estimate(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status
+        one.at(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status
         for number in range(6)
     ]
     assert found == [0] * 4 + [Status.DOUBTFUL_LOAD] * 2
-    assert one.estimate(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status == 0
+    assert one.at(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status == 0
