@@ -210,11 +210,9 @@ STATED = {
     "Rad,N,Nm": "Rad of column a",
     "deg/s,N,Nm": "deg/s of column a",
     "deg,KN,Nm": "KN of column f",
-    "deg,N/kg,Nm": "N/kg of column f",
     "deg,mm,Nm": "mm of column f",
     "deg,V,Nm": "V of column f",
     "deg,N,N.mm": "N.mm of column m",
-    "deg,N,lbf*ft": "lbf*ft of column m",
 }
 """Rows of units below the names, and the one that is refused"""
 ONE_FILE: dict[str, tuple[str, str, str]] = {
@@ -234,11 +232,6 @@ ONE_FILE: dict[str, tuple[str, str, str]] = {
         "t_ms,a,f\n" + rows(),
         SIMPLE.replace("t}", "t_ms}"),
         "ms of column t_ms, and time",
-    ),
-    "kN in a name": (
-        "t,a,f[kN]\n" + rows(),
-        SIMPLE.replace(" f,", ' "f[kN]",'),
-        "kN of column f[kN], and",
     ),
     **{
         units: (
@@ -565,10 +558,6 @@ MAPS = {
         "goniometer_deg, unit: deg",
         "goniometer_deg, unit: rad",
     ): r"says deg of column goniometer_deg, and map: angle\.",
-    (
-        "{column: goniometer_deg, unit: deg",
-        "{column: 6, unit: rad",
-    ): r"deg, plausible is 0 to 180: is angle\.unit",
     ("{column: time_s}", "{column: times}"): r"has no column times; did you mean time_s\?",
     ("700.0", "71.4"): r"^knee-contact: body_weight 71\.4 N: is it kg",
     (
@@ -596,10 +585,6 @@ FILES: dict[str, tuple[bytes, str]] = {
         "line 1 has numbers, and must have the columns' names",
     ),
     "cut off": (NAMES + b"\n0,1,2,3,4,5\n1,1,2", "line 3 has 3 columns, and the names are 6"),
-    "units": (
-        NAMES + b"\ns,N,N,N,N,rad\n0,1,2,3,4,5\n",
-        "says rad of column goniometer_deg, and map: angle.unit deg",
-    ),
     "infinite": (NAMES + b"\n0,inf,2,3,4,5\n1,1,2,3,4,5\n", "column pm_n has no number"),
     "zeros": (bytes(5000), "is not a text file"),
     "random": (np.random.default_rng(3).bytes(5000).replace(b"\0", b"a"), "has no column"),

@@ -264,8 +264,6 @@ CASES = {
         "--bone bone.stl",
         "misses --bone",
     ),
-    "mm for m": ("a.stl", mesh((1e3 * KNEE, FACES)), "", "likely it is in mm"),
-    "cm for mm": ("a.stl", mesh((1e2 * KNEE, FACES)), "--unit=mm", "largest extent"),
     "LPS for RAS": (
         "a.stl",
         mesh((KNEE[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], FACES)),
