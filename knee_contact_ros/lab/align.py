@@ -33,17 +33,19 @@ from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
 
 STRETCH = 1.0
 """Duration of a stretch that the jackknife leaves out [s]: about a stride"""
-FEWEST, MOST = 4, 60
-"""Smallest and largest number of stretches"""
-ENOUGH = 40
+MIN_STRETCHES = 4
+"""Smallest number of stretches"""
+MAX_STRETCHES = 60
+"""Largest number of stretches: each is a further fit"""
+MIN_ROWS = 40
 """Smallest number of rows in common"""
-MOST_ROWS = 50_000
+MAX_ROWS = 50_000
 """Largest number of rows that are used; longer recordings are thinned evenly"""
-ALIKE = 0.8
+MIN_CORRELATION = 0.8
 """Correlation below which two angles are refused as not being of the same knee"""
-MOST_GAIN = 5.0
+MAX_GAIN = 5.0
 """Largest gain, and inverse of the smallest: soft tissue gives 0.8, degrees read as radians 57"""
-GAIN_OFF = 0.05
+NOTABLE_GAIN = 0.05
 """Deviation of the gain from 1 above which it is reported"""
 
 
@@ -102,21 +104,21 @@ def align(
     text = overlay(alignment, sensor.columns, reference.columns, sensors.angle)
     write_complete({output: text.encode()})
     show(alignment, output)
-    gain, (least, most) = alignment.gain.value, alignment.gain.bounds
-    if (
-        abs(gain - 1.0) > GAIN_OFF and not least <= 1.0 <= most
-    ):  # which offset and delay cannot correct
+    gain = alignment.gain.value
+    least, most = alignment.gain.bounds
+    # Offset and delay cannot correct a gain.
+    if abs(gain - 1.0) > NOTABLE_GAIN and not least <= 1.0 <= most:
+        left = math.degrees(alignment.after[1])
         warn(
             [
                 f"the sensor moves {gain:.3f} times as far as the reference, {least:.3f} to {most:.3f}, and "
-                f"{math.degrees(alignment.after[1]):.1f} deg RMS are left; angle.scale "
-                f"{sensors.angle.scale / gain:.4g} in "
-                "the map would make up for it (then align again)"
+                f"{left:.1f} deg RMS are left; angle.scale {sensors.angle.scale / gain:.4g} in the map would make up "
+                "for it (then align again)"
             ]
         )
 
 
-class Pair:
+class AnglePair:
     """Rows of a sensor, and a cubic spline through those of the reference."""
 
     def __init__(self, sensor: TimeSeries, reference: TimeSeries, max_gap: float) -> None:
@@ -124,7 +126,8 @@ class Pair:
         self.times, self._known = (
             (each.stamps - reference.stamps[0]) / NANOSECONDS for each in (sensor, reference)
         )
-        self.values, self._curve = sensor.values, CubicSpline(self._known, reference.values)
+        self.values = sensor.values
+        self._curve = CubicSpline(self._known, reference.values)
         self._wide = np.diff(self._known) > max_gap
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
         """Time between rows of the slower of the two [s]"""
@@ -133,7 +136,7 @@ class Pair:
         """Indices of the sensor's rows that have a reference at every lag from `least` to `most` [s].
 
         Raises:
-            UsageError: there are fewer than `ENOUGH`.
+            UsageError: there are fewer than `MIN_ROWS`.
         """
         there = (self.times - most >= self._known[0]) & (self.times - least <= self._known[-1])
         for begin, end in zip(
@@ -141,25 +144,26 @@ class Pair:
         ):
             there &= (self.times - least <= begin) | (self.times - most >= end)
         rows = np.flatnonzero(there)
-        if len(rows) < ENOUGH:
+        if len(rows) < MIN_ROWS:
             lags = f"with lags from {least:.3g} to {most:.3g} s"
             raise UsageError(
-                f"angle and reference have {len(rows)} rows in common ({lags}), and {ENOUGH} are needed"
+                f"angle and reference have {len(rows)} rows in common ({lags}), and {MIN_ROWS} are needed"
             )
-        return rows[:: 1 + len(rows) // MOST_ROWS]
+        return rows[:: 1 + len(rows) // MAX_ROWS]
 
-    def moved(self, rows: Indices, lag: float) -> Floats:
+    def reference_at(self, rows: Indices, lag: float) -> Floats:
         """Angles of the reference [rad] at rows of the sensor, which is late by `lag` [s]."""
         return np.asarray(self._curve(self.times[rows] - lag))
 
     def fit(self, rows: Indices, lag: float, offset: float = 0.0) -> tuple[float, float]:
         """Correlation (0 if one is constant), and RMS difference [rad], with lag [s] and offset [rad] removed."""
-        sensor, moved = self.values[rows] + offset, self.moved(rows, lag)
-        one, other = sensor - sensor.mean(), moved - moved.mean()
+        sensor = self.values[rows] + offset
+        reference = self.reference_at(rows, lag)
+        one = sensor - sensor.mean()
+        other = reference - reference.mean()
         scale = math.sqrt(float(one @ one) * float(other @ other))
-        return float(one @ other) / scale if scale > 0.0 else 0.0, float(
-            np.sqrt(np.mean((sensor - moved) ** 2))
-        )
+        correlation = float(one @ other) / scale if scale > 0.0 else 0.0
+        return correlation, float(np.sqrt(np.mean((sensor - reference) ** 2)))
 
     def best(self, rows: Indices, within: tuple[float, float]) -> tuple[float, float, float]:
         """Offset [rad], lag [s] and gain of rows of the sensor, at the lag `within` which both correlate best."""
@@ -169,13 +173,12 @@ class Pair:
             method="bounded",
             options={"xatol": 1e-6},
         )
-        sensor, moved = self.values[rows], self.moved(rows, float(found.x))
-        around = moved - moved.mean()
-        return (
-            float(np.mean(moved - sensor)),
-            float(found.x),
-            float(around @ sensor) / float(around @ around),
-        )
+        lag = float(found.x)
+        sensor = self.values[rows]
+        reference = self.reference_at(rows, lag)
+        around = reference - reference.mean()
+        gain = float(around @ sensor) / float(around @ around)
+        return float(np.mean(reference - sensor)), lag, gain
 
 
 def aligned(
@@ -186,14 +189,16 @@ def aligned(
     Raises:
         UsageError: too few rows are in common, the two do not correlate at any lag, or the gain is implausible.
     """
-    pair, both = Pair(sensor, reference, max_gap), f"{sensor.where} and {reference.where}"
+    pair = AnglePair(sensor, reference, max_gap)
+    both = f"{sensor.where} and {reference.where}"
     rows = pair.rows(-longest, longest)
     lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step)))
     correlations = np.array([pair.fit(rows, lag)[0] for lag in lags])
-    at, against = int(correlations.argmax()), -float(correlations.min())
-    if correlations[at] < ALIKE:
+    at = int(correlations.argmax())
+    against = -float(correlations.min())
+    if correlations[at] < MIN_CORRELATION:
         why = "are both of one knee, in one time?"
-        if against >= ALIKE:
+        if against >= MIN_CORRELATION:
             why = f"but in opposite directions with {against:.2f}: is a sign turned?"
         raise UsageError(f"{both} correlate with r = {correlations[at]:.2f} at best; {why}")
     if at in (0, len(lags) - 1):
@@ -202,9 +207,8 @@ def aligned(
         )
     within = float(lags[at - 1]) - 4.0 * pair.step, float(lags[at + 1]) + 4.0 * pair.step
     rows = pair.rows(*within)  # more of them than with the longest lags
-    stretches = int(
-        np.clip(round((pair.times[rows[-1]] - pair.times[rows[0]]) / STRETCH), FEWEST, MOST)
-    )
+    seconds = pair.times[rows[-1]] - pair.times[rows[0]]
+    stretches = min(max(round(seconds / STRETCH), MIN_STRETCHES), MAX_STRETCHES)
     whole = pair.best(rows, within)
     number = np.arange(len(rows)) * stretches // len(rows)
     without = np.array(
@@ -217,17 +221,19 @@ def aligned(
     offset, lag, gain = (
         Estimate(value, float(each)) for value, each in zip(whole, half, strict=True)
     )
-    if not 1.0 / MOST_GAIN <= gain.value <= MOST_GAIN:
+    if not 1.0 / MAX_GAIN <= gain.value <= MAX_GAIN:
         raise UsageError(
             f"{sensor.where} moves {gain.value:.3g} times as far as {reference.where}: are both units right?"
         )
-    before, after = pair.fit(rows, 0.0), pair.fit(rows, lag.value, offset.value)
+    before = pair.fit(rows, 0.0)
+    after = pair.fit(rows, lag.value, offset.value)
     return Alignment(offset, lag, gain, len(rows), before, after)
 
 
 def overlay(alignment: Alignment, sensor: str, reference: str, angle: AngleChannel) -> str:
     """Text of the parameter file; `sensor` and `reference` name their columns, `angle` is the map's."""
-    offset, lag = alignment.offset, alignment.lag
+    offset = alignment.offset
+    lag = alignment.lag
     degrees = f"{math.degrees(offset.value):.2f} +- {math.degrees(offset.half):.2f}"
     milliseconds = f"{1e3 * lag.value:.1f} +- {1e3 * lag.half:.1f}"
     comments = [

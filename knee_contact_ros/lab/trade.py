@@ -1,7 +1,7 @@
 """What accuracy costs: a recorded gait at every level and tolerance, compared with the tightest tolerance.
 
-The reference is the same model at `dynamic` and `REFERENCE`, so the errors are those of level and tolerance alone.
-They do not show what the model leaves out; docs/explanation/accuracy.md compares it with other codes.
+The reference is the same model at `dynamic` and `REFERENCE_TOLERANCE`, so the errors are those of level and tolerance
+alone. They do not show what the model leaves out; docs/explanation/accuracy.md compares it with other codes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
@@ -29,13 +28,15 @@ from knee_contact_ros.system.terminal import WIDTH, safe_cell, say
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
-NAMES = ("quasi_static", "dynamic")
+MEASURED_LEVELS = ("quasi_static", "dynamic")
 """Values of `fidelity.level` that are measured"""
-REFERENCE, SECOND = 1e-12, 1e-11
-"""Tolerances [m] of the reference and of a second run; their difference shows how certain the reference is"""
+REFERENCE_TOLERANCE = 1e-12
+"""Tolerance [m] of the reference"""
+SECOND_TOLERANCE = 1e-11
+"""Tolerance [m] of a second run: its difference shows how certain the reference is"""
 LOAD_ERROR = 0.01
 """Relative error of a good measurement of the load"""
-FLAGGED = 0.01
+MAX_FLAGGED = 0.01
 """Largest fraction of ticks that a recommended setting may flag"""
 REPEATS = 3
 """How often a run is timed; the fastest counts"""
@@ -86,45 +87,35 @@ def measure(
         UsageError: it is not known which model computed the results.
     """
     compartments = [results] if results.lateral is None else [results, results.lateral]
-    total, done = len(NAMES) * len(TOLERANCES) + 3, 0
+    total = len(MEASURED_LEVELS) * len(TOLERANCES) + 3
+    done = 0
 
-    def answers(level: str, tolerance: float, load: float = 1.0) -> tuple[Rows, float]:
+    def compute(level: str, tolerance: float, load: float = 1.0) -> tuple[Rows, float]:
         nonlocal done
-        rows, seconds = [], 0.0
-        for samples in compartments:
-            if samples.model is None:
-                raise UsageError("parameters changed during this recording; give --params FILE")
-            fidelity: Any = {
-                "level": LEVELS[level],
-                "tolerance": tolerance,
-                "force_tolerance": 0.0,
-            }
-            own, taken = answered(replace(samples.model, compiled=True, **fidelity), samples, load)
-            rows.append(own)
-            seconds += taken
+        found = [compute_again(each, level, tolerance, load) for each in compartments]
         done += 1
         advance(done, total)
-        return np.concatenate(rows), seconds
+        return np.concatenate([rows for rows, _ in found]), sum(seconds for _, seconds in found)
 
-    exact, _ = answers("dynamic", REFERENCE)
+    exact, _ = compute("dynamic", REFERENCE_TOLERANCE)
 
-    def off(rows: Rows) -> float:
+    def depth_error(rows: Rows) -> float:
         """Largest error of the depth, or of minus the gap."""
         errors = (rows[name] - exact[name] for name in ("penetration_depth", "gap"))
         return float(np.abs(np.subtract(*errors)).max())
 
-    second, loaded = (
-        off(answers("dynamic", *how)[0]) for how in ((SECOND, 1.0), (REFERENCE, 1.0 + LOAD_ERROR))
-    )
-    settings, touching = list[Setting](), exact["penetration_depth"] > 0.0
-    for level, tolerance in product(NAMES, TOLERANCES):
-        rows, seconds = answers(level, tolerance)
+    second, _ = compute("dynamic", SECOND_TOLERANCE)
+    loaded, _ = compute("dynamic", REFERENCE_TOLERANCE, 1.0 + LOAD_ERROR)
+    touching = exact["penetration_depth"] > 0.0
+    settings = []
+    for level, tolerance in product(MEASURED_LEVELS, TOLERANCES):
+        rows, seconds = compute(level, tolerance)
         apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
         settings.append(
             Setting(
                 level,
                 tolerance,
-                off(rows),
+                depth_error(rows),
                 float(np.abs(rows["contact_force"] - exact["contact_force"]).max()),
                 float(np.hypot(*apart)[touching].max(initial=0.0)),
                 float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)),
@@ -132,11 +123,22 @@ def measure(
                 1e6 * seconds / len(rows),
             )
         )
-    return Trade(settings, len(exact), loaded if worth is None else worth, second)
+    worth = depth_error(loaded) if worth is None else worth
+    return Trade(settings, len(exact), worth, depth_error(second))
 
 
-def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]:
-    """Compute samples again with their load times `load`; return the answers and the processor time [s] of the run."""
+def compute_again(
+    samples: Results, level: str, tolerance: float, load: float
+) -> tuple[Rows, float]:
+    """Compute samples again with their load times `load`; return the answers and the processor time [s] of the run.
+
+    Raises:
+        UsageError: it is not known which model computed the samples.
+    """
+    if samples.model is None:
+        raise UsageError("parameters changed during this recording; give --params FILE")
+    fidelity: Any = {"level": LEVELS[level], "tolerance": tolerance, "force_tolerance": 0.0}
+    model = replace(samples.model, compiled=True, **fidelity)
     starts = np.flatnonzero(samples["status"] & Status.TIME_RESET)
     parts = [part for part in np.split(np.asarray(samples), starts) if len(part)]
     seconds = []
@@ -166,7 +168,7 @@ def advice(trade: Trade) -> str:
     good = [
         each
         for each in trade.settings
-        if max(each.depth, each.tolerance) <= trade.worth and each.flagged <= FLAGGED
+        if max(each.depth, each.tolerance) <= trade.worth and each.flagged <= MAX_FLAGGED
     ]
     if not good:
         return f"No setting flags at most 1 % of the ticks and has errors below those of your data ({worth})."
@@ -190,19 +192,23 @@ def show(trade: Trade) -> None:
         "time [us]",
     ):
         table.add_column(safe_cell(heading), justify="right", no_wrap=True)
-    for level, tolerance, *errors, flagged, calls, microseconds in trade.settings:
-        cells = (
-            f"{tolerance:.0e}",
-            *(f"{error:.1e}" for error in errors),
-            f"{1e2 * flagged:.1f} %",
+    for each in trade.settings:
+        table.add_row(
+            each.level,
+            f"{each.tolerance:.0e}",
+            f"{each.depth:.1e}",
+            f"{each.force:.1e}",
+            f"{each.point:.1e}",
+            f"{1e2 * each.flagged:.1f} %",
+            f"{each.evaluations:.1f}",
+            f"{each.microseconds:.2f}",
         )
-        table.add_row(level, *cells, f"{calls:.1f}", f"{microseconds:.2f}")
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
     Console(width=WIDTH).print(table)
     say(
-        f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE:g} m; a run at"
+        f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE_TOLERANCE:g} m; a run at"
     )
-    say(f"{SECOND:g} m differs from it by {trade.reference_error:.1e} m at most.")
+    say(f"{SECOND_TOLERANCE:g} m differs from it by {trade.reference_error:.1e} m at most.")
     say(advice(trade), hang=0)
 
 
@@ -224,11 +230,11 @@ def draw(trade: Trade, path: Path) -> None:
     for axis, (name, title) in zip(
         figure.subplots(2, 2, sharex=True).ravel(), panels, strict=True
     ):
-        for level, colour in zip(NAMES, ("#e69f00", "#0072b2"), strict=True):
+        for level, colour in zip(MEASURED_LEVELS, ("#e69f00", "#0072b2"), strict=True):
             own = [each for each in trade.settings if each.level == level]
             values = np.array([getattr(each, name) for each in own])
             axis.plot(TOLERANCES, values, "o-", color=colour, linewidth=1.8, label=level)
-            hollow = [each.flagged > FLAGGED for each in own]
+            hollow = [each.flagged > MAX_FLAGGED for each in own]
             axis.plot(
                 np.array(TOLERANCES)[hollow],
                 values[hollow],
