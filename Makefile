@@ -69,7 +69,6 @@ $(BIN)/uv:
 $(VENV)/.installed: $(BUILD_FILES) | $(BIN)/uv
 	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (half a minute the first time)"
 	$(BIN)/uv pip install --quiet --editable '.[viewer,report]'
-	-@$(BIN)/knee-contact warm
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

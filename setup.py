@@ -1,4 +1,4 @@
-"""The pip side of the package: builds the ROS messages with the same CMakeLists.txt that colcon uses.
+"""The pip side of the package: builds the ROS messages, with the CMakeLists.txt that colcon uses, and the model.
 
 `build_ext` configures, builds and installs the CMake project into a staging folder; `install_data` packs what belongs
 beside the Python modules: the message libraries and what `ros2 run` starts (`lib/`), the generated message modules
@@ -58,7 +58,7 @@ class BuildMessages(build_ext):
                 "-B",
                 str(build_folder),
                 "-DBUILD_TESTING=OFF",
-                "-DWARM=OFF",
+                "-DBUILD_LIBRARY=OFF",
                 f"-DCMAKE_INSTALL_PREFIX={self.stage}",
                 f"-DPython3_EXECUTABLE={sys.executable}",
             ],
@@ -66,6 +66,14 @@ class BuildMessages(build_ext):
             ["--install", str(build_folder)],
         ):
             subprocess.run(["cmake", *arguments], env=environment, check=True)  # noqa: S607
+        self.build_model()
+
+    def build_model(self) -> None:
+        """Build the library of the model beside its modules; without it the first use builds it."""
+        model = Path(ROOT if self.editable_mode else self.build_lib, PACKAGE, "model").resolve()
+        code = f"from knee_contact_ros.model.kernel import build_in; build_in({str(model)!r})"
+        if subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode:
+            print("The library of the model could not be built; its first use tries again.")  # noqa: T201
 
 
 class InstallMessages(install_data):

@@ -27,7 +27,6 @@ GROUPS = {
         offline.solve,
         offline.estimate_load,
         offline.recover,
-        offline.warm,
     ),
     "Bring your own data": (
         lab.import_opensim,
@@ -36,6 +35,7 @@ GROUPS = {
         lab.fit_profile,
         lab.calibrate,
     ),
+    "Take it elsewhere": (lab.export,),
     "Study": (lab.sweep, lab.sensitivity, lab.trade),
 }
 """Commands by what they are for, as the help shows them"""

@@ -1,4 +1,4 @@
-"""Commands that need no ROS: solve, estimate-load, recover, view, warm."""
+"""Commands that need no ROS: solve, estimate-load, recover, view."""
 
 from __future__ import annotations
 
@@ -279,36 +279,3 @@ def table(bag: Path, output: Path, topic: str) -> None:
         answers = {name: read_answers(recording, name) for name in topics}
     write_complete({output: answer_table(answers, output.suffix)})
     say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
-
-
-@click.command()
-@parameter_options()
-def warm(given: ParameterOptions) -> None:
-    """Compile the model ahead of its first use.
-
-    Installing the package does this already. One compiled model serves every kind of knee; --params and -p are only
-    checked. It is kept beside the package if you can write there, otherwise in $XDG_CACHE_HOME/knee_contact_ros or
-    ~/.cache/knee_contact_ros. It is valid for this version of the model, of its compiler and of Python, on this kind of
-    processor.
-    """
-    from knee_contact_ros.model.compiler import folders
-    from knee_contact_ros.model.kernel import compiled_run, kept_files
-    from knee_contact_ros.model.ticks import run
-    from knee_contact_ros.offline.notebooks import load_model
-
-    if any(given):
-        load_model([*given.files(), given.values()], compiled=False)
-    before, compiled, after = kept_files(), compiled_run(), kept_files()
-    if compiled and after:
-        state = "compiled already" if set(before) == set(after) else "compiled"
-        say(f"{state}, in {after[0].parent}")
-        return
-    places = folders(run)
-    if len(places) == 1:
-        raise UsageError(
-            f"there is no folder for the compiled model: this user has no home and cannot write in {places[0]}; set "
-            "XDG_CACHE_HOME"
-        )
-    raise IncompleteError(
-        f"the model could not be compiled and kept in {places[0]} or {places[1]}"
-    )

@@ -232,17 +232,21 @@ def parameter_files_option(
     )
 
 
+parameter_values_option = click.option(
+    "-p",
+    "parameter_values",
+    multiple=True,
+    metavar="NAME:=VALUE",
+    help="Set a parameter, for example -p knee.joint_name:=knee_r. It overrides the files. Can be given several times.",
+)
+"""Option `-p`"""
+
+
 def parameter_options(*texts: str) -> Callable[[Function], Function]:
     """Make the options `--params` (`texts`: see `parameter_files_option`) and `-p`; a command gets them as `given`."""
-    value = click.option(
-        "-p",
-        "parameter_values",
-        multiple=True,
-        metavar="NAME:=VALUE",
-        help="Set a parameter, for example -p knee.joint_name:=knee_r. It overrides the files. Can be given several "
-        "times.",
+    return group_options(
+        "given", ParameterOptions, parameter_files_option(*texts), parameter_values_option
     )
-    return group_options("given", ParameterOptions, parameter_files_option(*texts), value)
 
 
 def names_in_bag_options(

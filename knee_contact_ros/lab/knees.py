@@ -181,7 +181,7 @@ def compute(
     *,
     series: bool = False,
     threads: int = 1,
-    compiled: bool,
+    compiled: bool = True,
 ) -> Computed:
     """Compute cases; the answers have the same bits as a run of each case alone.
 
@@ -223,9 +223,6 @@ def compute(
                 move_along_z(answer, side.z)
                 kept[place][i] = answer
 
-    if runs:
-        # The kernel is made before the threads, which would each wait for it.
-        runs[0][2].model.kernel_for()
     count = max(1, ANSWERS_AT_ONCE // ticks)
     parts = [runs[first : first + count] for first in range(0, len(runs), count)]
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:

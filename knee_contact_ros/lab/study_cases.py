@@ -26,7 +26,6 @@ from knee_contact_ros.lab.outcomes import LATERAL, OUTCOME_RECORD
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt
 from knee_contact_ros.lab.shards import brief_reason, is_address
 from knee_contact_ros.lab.study_file import Study
-from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.bag_parameters import with_body_weight
 from knee_contact_ros.parameters.files import all_values, variations_of
@@ -244,8 +243,7 @@ def compute_block(block: CaseBlock) -> BlockResult:
             f"{_worker()} has another version of knee_contact_ros; install the same one"
         )
     knees = _knees(block.place, block.digest, block.parameters, block.files)
-    compiled = worth_compiling(block.number * len(knees.recording.steps))
-    computed = compute(knees, block.cases, series=block.series, compiled=compiled)
+    computed = compute(knees, block.cases, series=block.series)
     if not gc.get_freeze_count():
         # Thousands of cases start many collections, which take a quarter of a second each.
         gc.freeze()

@@ -13,7 +13,6 @@ from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts
 from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_of
-from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.offline.bag_parameters import parameters_for
 from knee_contact_ros.offline.notebooks import Name, in_python_words, warn_of
 from knee_contact_ros.parameters.files import (
@@ -143,8 +142,7 @@ def sweep(
             doubts = recorded_doubt(bag) if params == DEFAULT_PARAMETERS else []
             warn_of(bag, "solved", [*doubts, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
-    compiled = worth_compiling(len(cases) * len(recording.steps))
-    computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)
+    computed = compute(knees, cases, series=series, threads=threads)
     medial, lateral = (rows.view(Records) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     both = computed.has(1).any()

@@ -24,7 +24,6 @@ from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.lab.knees import Knees, compute
 from knee_contact_ros.lab.recordings import Recording, read_recording
-from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.types import Floats, Rows
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
@@ -323,9 +322,8 @@ def read_uncertain_gait(
         )
     files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
     recording, rows = read_recording(bag, basis, texts, names, compiled=compiled)
-    if compiled is None:
-        compiled = worth_compiling(2 * len(deviations) * sum(map(len, rows)))
-    return UncertainGait(deviations, parameters, files, recording, rows, compiled)
+    use_library = compiled is not False
+    return UncertainGait(deviations, parameters, files, recording, rows, use_library)
 
 
 @dataclass(frozen=True)

@@ -1,64 +1,98 @@
-"""The compiled tick: Numba compiles the marked functions once, unchanged, and the result is kept in a file.
+"""Build the kernel as a library: Numba translates the marked functions, LLVM makes an object, a linker a library.
 
 A marked function also runs as plain Python: it takes and returns numbers, named tuples and arrays, and uses no
-closures, no exceptions and no NumPy functions, only `math`. So both give the same bits. Marking compiles nothing, and
-does not import Numba.
+closures, no exceptions and no NumPy functions, only `math`. So both give the same bits. Marking builds nothing, and
+does not import Numba, which no installed package needs: the library is built with the package.
 
-The file is stored with the model, in `__pycache__/compiled`, if this user can write there (installation,
-`knee-contact warm`), else in `$XDG_CACHE_HOME/knee_contact_ros` or `~/.cache/knee_contact_ros`. Its name has digests of
-the sources, the compiler and the processor. It contains a digest and a pickle. A pickle can run any code, so a file is
-read only if this user or root wrote it, in a folder of theirs, and nobody else can write it. If anything is wrong with
-the file, the cost is one line and a compilation.
+Nothing may be optimised for this machine before the target is known. LLVM would turn the fields of a structure into
+offsets in bytes, and code with offsets for 64 bits runs on 32 bits, without an error, and is wrong by a quarter.
 """
 
 from __future__ import annotations
 
 import gc
-import hashlib
 import importlib.util
-import logging
-import os
-import pickle
-import stat
+import platform
+import re
+import shutil
+import subprocess
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
-from functools import cache, partial
+import tempfile
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
-COMPILING = 6.0
-"""Processor time [s] of compiling the model"""
-FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
-"""Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""
-NOT_NEEDED = (
-    "InlineClosureLikes",
-    "DeadBranchPrune",
-    "ReconstructSSA",
-    "PreLowerStripPhis",
-    "InlineOverloads",
-    "NopythonRewrites",
-    "IRLegalization",
-)
-"""Numba's passes for closures, variables whose type changes, what Numba itself would inline, arrays as a whole, and
-references: 1.1 of 7 s. Ten others that nothing here needs take 0.1 s together, and stay."""
+from knee_contact_ros.model.types import ROW
+
 OPTIONS = {
     "error_model": "numpy",
-    "nogil": True,
     "_nrt": False,
-    "forceinline": False,
     "no_cfunc_wrapper": True,
+    "no_cpython_wrapper": True,
 }
-"""Numba's options: divisions are not checked, since no divisor is 0, and references to arrays are not counted"""
-
+"""Numba's options: divisions are not checked, since no divisor is 0, references to arrays are not counted, and nothing
+but compiled code calls the functions"""
+HOST_SIZES = re.compile(
+    r"getelementptr[a-z ]* i8, ptr [^,]+, i64 \d|@llvm\.mem[a-z]+\.[^\n]*i64 \d"
+)
+"""Pieces of LLVM's language that hold a size or an offset in bytes, which must be left to the target"""
+HOST_NAMES = re.compile(r"inttoptr|declare .*@(?!llvm\.|sqrt\()\S+")
+"""Pieces of optimised code that need this process: an address, Python, or Numba's run-time"""
 FUNCTIONS: list[Callable[..., Any]] = []
 """All marked functions, of which a tick consists"""
 INLINED: list[Callable[..., Any]] = []
 """Those of them that become a part of their callers: what nearly every tick calls, from few places"""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
-_log = logging.getLogger(__name__)
+
+class Target(NamedTuple):
+    """Kind of processor and system that a kernel is built for."""
+
+    triple: str
+    """LLVM's name. It must be the normalised one: "thumbv7em-none-eabihf" gives code for another float ABI"""
+    cpu: str = "generic"
+    linker: str = ""
+    """Zig's name of the target, where a library can be linked for it"""
+    suffix: str = ".so"
+    """Suffix of a library"""
+    relocation: str = "pic"
+
+
+TARGETS = {
+    "x86-64": Target("x86_64-unknown-linux-gnu", "x86-64", "x86_64-linux-gnu.2.17"),
+    "aarch64": Target("aarch64-unknown-linux-gnu", "generic", "aarch64-linux-gnu.2.17"),
+    "cortex-m7": Target("thumbv7em-unknown-none-eabihf", "cortex-m7", relocation="static"),
+    "macos-arm64": Target("arm64-apple-macosx11.0.0", "generic", "aarch64-macos.11.0", ".dylib"),
+    "macos-x86-64": Target("x86_64-apple-macosx11.0.0", "x86-64", "x86_64-macos.11.0", ".dylib"),
+    "windows-x86-64": Target("x86_64-pc-windows-gnu", "x86-64", "x86_64-windows-gnu", ".dll"),
+}
+"""Targets by name"""
+HOSTS = {
+    ("Linux", "x86_64"): "x86-64",
+    ("Linux", "aarch64"): "aarch64",
+    ("Darwin", "arm64"): "macos-arm64",
+    ("Darwin", "x86_64"): "macos-x86-64",
+    ("Windows", "AMD64"): "windows-x86-64",
+}
+"""Name of the target of this machine, by system and processor"""
+
+
+class BuildError(Exception):
+    """The library cannot be built: a tool is missing, or the code is not portable."""
+
+
+def host() -> Target:
+    """Return the target of this machine.
+
+    Raises:
+        BuildError: it is not known.
+    """
+    machine = platform.system(), platform.machine()
+    if machine not in HOSTS:
+        raise BuildError(f"no target is known for {machine[0]} on {machine[1]}")
+    return TARGETS[HOSTS[machine]]
 
 
 def in_kernel(function: _Function) -> _Function:
@@ -73,187 +107,116 @@ def inlined(function: _Function) -> _Function:
     return in_kernel(function)
 
 
-def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[..., Any] | None:
-    """Load or compile a marked function for the types of example arguments; a call with other types raises TypeError.
-
-    Returns:
-        The compiled function; None, with a warning, if Numba cannot be used.
-    """
-    try:
-        import numba
-        from numba.core.serialize import dumps
-
-        if numba.config.DISABLE_JIT:
-            raise ImportError("NUMBA_DISABLE_JIT is set")
-    except (
-        Exception
-    ) as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
-        _log.warning(
-            "knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly",
-            _said(error),
-        )
-        return None
-    _take_by_reference(example)
-    made, types = twin(entry), tuple(map(numba.typeof, example))
-    name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
-    paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
-    if not any(
-        _done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)
-    ):
-        from knee_contact_ros.system.progress import announce
-
-        with announce(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
-            compile_twin(made, types)
-        kept = any(
-            _done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused)
-            for path in paths
-        )
-        if doubts or not kept:
-            then = "compiled again" if kept else "what was compiled is not kept"
-            _log.warning("knee_contact_ros: compiled code: %s; %s", [*refused, *doubts][-1], then)
-    made.disable_compile()
-    return cast("Callable[..., Any]", made)
-
-
-def twin(entry: Callable[..., Any]) -> Any:
-    """Return Numba's form of a marked function, for `compile_twin`; it calls such forms of other functions."""
-    from numba import njit
-
-    made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
-    for function in _reached(entry):
-        space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
-        options = {**OPTIONS, "pipeline_class": _pipeline(), "forceinline": function in INLINED}
-        options["no_cpython_wrapper"] = function is not entry
-        made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
-    for space in spaces.values():
-        space.update(
-            {
-                name: made[one]
-                for name, one in space.items()
-                if isinstance(one, FunctionType) and one in made
-            }
-        )
-    return made[entry]
-
-
-def _reached(entry: Any) -> list[FunctionType]:
-    """Return a marked function and all marked functions that it may call."""
-    reached = [entry]
-    for function in reached:  # it grows meanwhile
-        named = [function.__globals__.get(name) for name in function.__code__.co_names]
-        reached += [
-            one
-            for one in named
-            if isinstance(one, FunctionType) and one in FUNCTIONS and one not in reached
-        ]
-    return reached
-
-
 @cache
-def _pipeline() -> Any:
-    """Return a compiler, in Numba's sense, without the passes that are not needed."""
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+def portable_code() -> str:
+    """Translate `ticks.run`, and all that it calls, into LLVM's language, not optimised; it is named `kernel`.
 
-    class Pipeline(CompilerBase):
-        def define_pipelines(self) -> list[Any]:
-            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            passes.passes = [
-                (one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED
-            ]
-            passes._finalized = False
-            passes.finalize()
-            return [passes]
+    Numba is changed for it, and keeps what it has compiled before, so that happens in a process of its own.
 
-    return Pipeline
-
-
-def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
-    """Compile what `twin` returns for the types of its arguments, in less than half of Numba's time.
-
-    LLVM optimises all functions once, together with the entry. Numba alone would let it optimise and translate each
-    function with all that it calls. As nothing else calls the inner functions, LLVM may also drop unused arguments and
-    merge callers. Numba resolves a call with the same types once, instead of again for each of some thousand calls. It
-    takes a constant as any number, or it would compile a function again for each constant argument. Python's garbage
-    collector is off meanwhile.
+    Raises:
+        BuildError: Numba is missing, or the code depends on this machine.
     """
-    from llvmlite.binding import Linkage
+    if not importlib.util.find_spec("numba"):
+        raise BuildError("Numba is not installed")
+    sys.stderr.write("knee_contact_ros: building the compiled model, once (some 8 s)\n")
+    code = f"from {__name__} import translate; print(translate())"
+    made = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    if made.returncode:
+        raise BuildError(f"Numba: {made.stderr.strip().splitlines()[-1]}")
+    if fixed := HOST_SIZES.search(made.stdout):
+        raise BuildError(f"the code has a size of this machine: {fixed[0]}")
+    return made.stdout
+
+
+def translate() -> str:
+    """Do the work of `portable_code`, in a process that does nothing else.
+
+    Numba alone would optimise and link each function with all that it calls, again for each caller. Here it only
+    translates. It resolves a call with the same types once, instead of again for each of some thousand calls, and takes
+    a constant as any number, or it would translate a function again for each constant argument. Together this takes
+    5 s of processor time instead of 40 s.
+    """
+    import llvmlite.binding as llvm
+    import numba
     from numba.core.codegen import JITCodeLibrary
     from numba.core.typeinfer import TypeVar as Variable
     from numba.core.types.functions import BaseFunction
     from numba.types import unliteral
 
-    class Whole(JITCodeLibrary):
+    from knee_contact_ros.model import kernel, ticks
+
+    modules: list[Any] = []
+
+    class Translated(JITCodeLibrary):
+        codegen = property(lambda library: library)
+
+        def add_llvm_module(self, module: Any) -> None:
+            modules.append(module)
+
         def finalize(self) -> None:
-            for (
-                library
-            ) in self._linking_libraries:  # it grows meanwhile: each function is linked once
-                more = getattr(library, "_linking_libraries", ())
-                self._linking_libraries += [
-                    one for one in more if one not in self._linking_libraries
-                ]
-            super().finalize()
+            self._finalized = True
 
-        def _optimize_final_module(self) -> None:
-            own = f"{len(self.name.rpartition('.')[2])}{self.name.rpartition('.')[2]}B"
-            for function in self._final_module.functions:
-                if (
-                    not function.is_declaration
-                    and own not in function.name
-                    and "_ZN" in function.name
-                ):
-                    function.linkage = Linkage.internal
-            # Once, as there are no references to count, and without vectors, which gain nothing here.
-            passes, builder = self._codegen._module_pass_manager(
-                loop_vectorize=False, slp_vectorize=False, opt=2
-            )
-            passes.run(self._final_module, builder)
+        def get_pointer_to_function(self, _name: str) -> int:
+            return 0
 
-    linked = type(
-        "Linked",
-        (JITCodeLibrary,),
-        {
-            "_optimize_functions": lambda *_: None,
-            "finalize": lambda me: setattr(me, "_finalized", True),
-            "codegen": property(lambda me: me),
-            "set_env": lambda *_: None,
-            "get_pointer_to_function": lambda *_: 0,
-        },
-    )
-    call_type, known = BaseFunction.get_call_type, dict[Any, Any]()
+        def set_env(self, *_: Any) -> None:
+            """Leave out the link to Python's objects, which an exception would need."""
 
-    def remembered(function: Any, context: Any, args: Any, keywords: Any) -> Any:
-        key = function, tuple(args), tuple(dict(keywords).items())
-        if key not in known:
-            known[key] = call_type(function, context, args, keywords)
-        return known[key]
-
-    add_type, codegen = Variable.add_type, made.targetctx.codegen()
-    changed = {
-        (BaseFunction, "get_call_type"): remembered,
-        (Variable, "add_type"): lambda variable, kind, loc: add_type(
-            variable, unliteral(kind), loc
+    resolve, add_type = cache(BaseFunction.get_call_type), Variable.add_type
+    changes: dict[tuple[Any, str], Any] = {
+        (BaseFunction, "get_call_type"): lambda self, context, args, keywords: resolve(
+            self, context, tuple(args), _Frozen(keywords)
         ),
-        (Variable, "lock"): lambda variable, kind, loc, **_: variable.add_type(kind, loc),
-        (codegen, "_library_class"): lambda of, name: (Whole if name == made.__name__ else linked)(
-            of, name
-        ),
+        (Variable, "add_type"): lambda self, kind, loc: add_type(self, unliteral(kind), loc),
+        (Variable, "lock"): lambda self, kind, loc, **_: self.add_type(kind, loc),
     }
-    before = {(owner, name): getattr(owner, name) for owner, name in changed}
-    collecting = gc.isenabled()
+    for (owner, name), change in changes.items():
+        setattr(owner, name, change)
+    knee, real = kernel.example_knee(), numba.float64
+    _take_by_reference(knee)
+    made = numba_functions(ticks.run)
+    made.targetctx.codegen()._library_class = Translated
+    rows = [kind[:, ::1] for kind in (real, real, numba.uint8, numba.uint32)]
+    types = numba.typeof(knee), real[::1], *rows
     gc.disable()
-    try:
-        for (owner, name), new in changed.items():
-            setattr(owner, name, new)
-        made.compile(types)
-    finally:
-        for (owner, name), old in before.items():
-            setattr(owner, name, old)
-        if collecting:
-            gc.enable()
+    made.compile(types)
+    whole, *others = [llvm.parse_assembly(str(module)) for module in modules]
+    for module in others:
+        whole.link_in(module)
+    own_name = re.escape(made.overloads[types].fndesc.llvm_func_name)
+    text = re.sub(rf'@"?{own_name}"?(?=[\s(,])', "@kernel", str(whole))
+    return re.sub(r"^target .*\n", "", text, flags=re.MULTILINE)
 
 
-def _take_by_reference(values: Iterable[Any]) -> None:
-    """Let compiled code take the named tuples among values, and those in them, by address.
+class _Frozen(dict[str, Any]):
+    """Keyword arguments as a key."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(tuple(self.items()))
+
+
+def numba_functions(entry: Callable[..., Any], **options: Any) -> Any:
+    """Return Numba's form of a marked function; it calls such forms of all marked functions that it may call."""
+    from numba import njit
+
+    reached, made, spaces = [entry], dict[Any, Any](), dict[int, dict[str, Any]]()
+    for function in reached:  # it grows meanwhile
+        named = [function.__globals__.get(name) for name in function.__code__.co_names]
+        reached += [one for one in named if one in FUNCTIONS and one not in reached]
+        space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
+        copied = FunctionType(function.__code__, space, function.__name__)
+        made[function] = njit(**OPTIONS | options, forceinline=function in INLINED)(copied)
+    for space in spaces.values():
+        for name, one in space.items():
+            if isinstance(one, FunctionType) and one in made:
+                space[name] = made[one]
+    return made[entry]
+
+
+def _take_by_reference(knee: Any) -> None:
+    """Let compiled code take a named tuple, and those in it, by address.
 
     Numba would pass each field as a separate argument, and of an array also each size: the knee, which nearly every
     function of a tick takes, has 90 of them.
@@ -261,48 +224,28 @@ def _take_by_reference(values: Iterable[Any]) -> None:
     from numba import typeof
     from numba.extending import typeof_impl
 
-    for value in values:
+    typeof_impl.register(type(knee), lambda one, _: _address()(tuple(map(typeof, one)), type(one)))
+    for value in knee:
         if hasattr(value, "_fields"):
             _take_by_reference(value)
-            typeof_impl.register(
-                type(value), lambda one, _: _by_reference(tuple(map(typeof, one)), type(one))
-            )
-
-
-def _by_reference(fields: tuple[Any, ...], kind: type) -> Any:
-    """Return Numba's type of the address of such a named tuple, which lies on the stack of the entry's caller."""
-    return _address()(fields, kind)
 
 
 @cache
 def _address() -> Any:
-    """Return the class of the types that `_by_reference` returns."""
+    """Return the class of the types of such named tuples."""
     from numba.core import cgutils, types
     from numba.core.datamodel.models import PrimitiveModel
     from numba.core.imputils import lower_getattr_generic
-    from numba.extending import NativeValue, register_model, unbox
+    from numba.extending import register_model
 
     class Address(types.NamedTuple):  # type: ignore[name-defined]  # Numba is not typed
-        @property
-        def whole(self) -> Any:
-            return types.NamedTuple(self.types, self.instance_class)  # type: ignore[attr-defined]
-
-        def __reduce__(self) -> Any:
-            return _by_reference, (self.types, self.instance_class)
+        """Type of the address of a named tuple."""
 
     @register_model(Address)
     class Pointer(PrimitiveModel):
         def __init__(self, manager: Any, kind: Any) -> None:
-            super().__init__(
-                manager, kind, manager.lookup(kind.whole).get_value_type().as_pointer()
-            )
-
-    @unbox(Address)
-    def unboxed(kind: Any, value: Any, context: Any) -> Any:
-        whole = context.unbox(kind.whole, value)
-        return NativeValue(
-            cgutils.alloca_once_value(context.builder, whole.value), whole.is_error, whole.cleanup
-        )
+            whole = types.NamedTuple(kind.types, kind.instance_class)  # type: ignore[attr-defined]
+            super().__init__(manager, kind, manager.lookup(whole).get_value_type().as_pointer())
 
     @lower_getattr_generic(Address)
     def field(_context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
@@ -311,94 +254,107 @@ def _address() -> Any:
     return Address
 
 
-def kept_by(entry: Callable[..., Any]) -> list[Path]:
-    """Return the files in which a compiled function is kept, for any processor, without importing Numba."""
-    pattern = f"{stamp(entry)}-*{SUFFIX}"
-    return [path for folder in folders(entry) for path in folder.glob(pattern)]
+ENTRY = "knee_contact_run"
+"""The function of a library: `int32_t (knee, state, samples, count, answers)`, pointers but for the int64 `count`"""
 
 
-def folders(entry: Callable[..., Any]) -> list[Path]:
-    """Return the folders in which a compiled function may be kept, the first choice first."""
-    beside = Path(entry.__code__.co_filename).parent / "__pycache__" / "compiled"
-    caches = Path(os.environ.get("XDG_CACHE_HOME", "")), Path(os.path.expanduser("~/.cache"))  # noqa: PTH111
-    return [
-        beside,
-        *[path / "knee_contact_ros" for path in caches if path.is_absolute()][:1],
-    ]  # there may be no home
+def _entry_code() -> str:
+    """Return the same in LLVM's language. `kernel` is called as Numba's functions are.
 
-
-@cache
-def stamp(entry: Callable[..., Any]) -> str:
-    """Return a digest of everything but the processor that compiled code depends on, without importing Numba.
-
-    The sources are all files in the folders of the functions, as constants may come from any of them.
+    They take where they put their result and what they raise, and each array as its owner, parent, number of items,
+    size of an item, data, shape and strides. Nothing in a tick asks for the number of items or the size of the state.
     """
-    beside = sorted({Path(function.__code__.co_filename).parent for function in _reached(entry)})
-    files = [path for folder in beside for path in sorted(folder.glob("*.py"))]
-    found = [importlib.util.find_spec(name) for name in ("numba", "llvmlite")]
-    files += [Path(spec.origin).with_name("_version.py") for spec in found if spec and spec.origin]
-    settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))
-    sources = [path.read_bytes() for path in files]
-    return _digest(
-        entry.__module__, entry.__qualname__, sys.implementation.cache_tag, settings, sources
+
+    def array(data: str, item: int, columns: int) -> str:
+        return (
+            f"ptr null, ptr null, i64 0, i64 {item}, ptr {data}, "
+            f"i64 %count, i64 {columns}, i64 {item * columns}, i64 {item}"
+        )
+
+    size = ROW.itemsize
+    samples = array("%samples", 8, 4)
+    answers = [array("%answers", item, size // item) for item in (8, 1, 4)]
+    state = "ptr null, ptr null, i64 0, i64 8, ptr %state, i64 0, i64 8"
+    call = ", ".join(["ptr %returned", "ptr %raised", "ptr %knee", state, samples, *answers])
+    types = ", ".join(argument.split()[0] for argument in call.split(", "))
+    return f"""
+declare i32 @kernel({types})
+define i32 @{ENTRY}(ptr %knee, ptr %state, ptr %samples, i64 %count, ptr %answers) {{
+  %returned = alloca ptr
+  %raised = alloca ptr
+  %code = call i32 @kernel({call})
+  ret i32 %code
+}}"""
+
+
+def object_code(code: str, target: Target) -> bytes:
+    """Return the object of a kernel for a target. It needs functions of libm alone.
+
+    All is optimised once, together with the entry, so LLVM may drop unused arguments and merge callers; without
+    vectors, which gain nothing here.
+
+    Raises:
+        BuildError: the object would need something of this process.
+    """
+    import llvmlite.binding as llvm
+
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, opt=2, reloc=target.relocation, codemodel="default"
     )
+    head = f'target triple = "{target.triple}"\ntarget datalayout = "{machine.target_data}"\n'
+    whole, entries = (llvm.parse_assembly(head + text) for text in (code, _entry_code()))
+    whole.link_in(entries)
+    for one in [*whole.functions, *whole.global_variables]:
+        if one.name == ENTRY:
+            one.storage_class = "dllexport" if target.suffix == ".dll" else "default"
+        elif not one.is_declaration:
+            one.linkage = llvm.Linkage.internal
+    whole.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.loop_vectorization = options.slp_vectorization = False
+    passes = llvm.create_pass_builder(machine, options)
+    passes.getModulePassManager().run(whole, passes)
+    if found := HOST_NAMES.search(str(whole)):
+        raise BuildError(f"the object needs {found[0]}")
+    made: bytes = machine.emit_object(whole)
+    return made
 
 
-def _digest(*parts: Any) -> str:
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
+def linker(target: Target) -> list[str]:
+    """Return the command that links libraries for a target: the compiler of this machine, or Zig's, from PyPI.
+
+    Raises:
+        BuildError: there is none.
+    """
+    own = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
+    if own and host() == target:
+        return [own]
+    if target.linker and importlib.util.find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc", "-target", target.linker]
+    raise BuildError("there is no linker: install a C compiler, or `pip install ziglang`")
 
 
-def _done(step: Callable[[Path], None], path: Path, doubts: list[str]) -> bool:
-    """Whether a step with a file succeeds; if not, the reason is added to the doubts."""
-    try:
-        step(path)
-        return True
-    except Exception as error:  # what is whole and ours may still have been made by something else
-        doubts.append(f"{path}: {_said(error)}")
-        return False
+def build(code: str, target: Target, library: Path) -> None:
+    """Build a library from a kernel's code; the file appears only when it is complete.
 
-
-def _said(error: Exception) -> str:
-    return " ".join(
-        (getattr(error, "strerror", None) or str(error) or type(error).__name__).split()
-    )
-
-
-def _load(made: Any, path: Path) -> None:
-    """Load compiled code into Numba's form of a function."""
-    from numba.core.compiler import CompileResult
-
-    _refuse_others(path.parent.lstat())
-    # Without O_NONBLOCK a pipe would keep us waiting.
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        _refuse_others(os.fstat(file.fileno()))
-        data = file.read()
-    if data[:DIGEST] != hashlib.sha256(path.name.encode() + data[DIGEST:]).digest():
-        raise OSError("it is damaged")
-    found = CompileResult._rebuild(made.targetctx, *pickle.loads(data[DIGEST:]))  # noqa: S301
-    made.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
-    made.add_overload(found)
-
-
-def _write(content: bytes, path: Path) -> None:
-    """Write a file, which appears only when complete, and remove files that are no longer used."""
-    path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-    _refuse_others(path.parent.lstat())
-    part = path.with_name(f"{path.name}.{os.urandom(8).hex()}")
-    try:
-        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb") as file:
-            file.write(hashlib.sha256(path.name.encode() + content).digest() + content)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-    with suppress(OSError):
-        for old in sorted(path.parent.glob(f"*{SUFFIX}*"), key=os.path.getmtime)[:-FILES]:
-            old.unlink()
-
-
-def _refuse_others(status: os.stat_result) -> None:
-    """Refuse a file or folder that another user than root can write."""
-    if status.st_uid not in (os.geteuid(), 0):
-        raise OSError("it belongs to another user, or its folder does")
-    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise OSError("others can write it or its folder (chmod go-w cures this)")
+    Raises:
+        BuildError: a tool is missing or fails.
+        OSError: the file cannot be written.
+    """
+    library.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix=".build-") as folder:
+        part = Path(folder, "kernel.o")
+        part.write_bytes(object_code(code, target))
+        command = [
+            *linker(target),
+            "-shared",
+            "-o",
+            str(part.with_suffix(target.suffix)),
+            str(part),
+        ]
+        linked = subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)
+        if linked.returncode:
+            raise BuildError(f"{command[0]}: {' '.join(linked.stderr.split())[:300]}")
+        part.with_suffix(target.suffix).replace(library)

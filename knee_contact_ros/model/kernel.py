@@ -1,29 +1,42 @@
-"""The kernel `ticks.run`, plain or compiled: when compiling pays, and what it is compiled for."""
+"""The kernel of a run, in the library that was built from `ticks.run`, or as plain Python with the same bits.
+
+The library lies beside the model, where the package was built with it, or in the user's cache. Its name has a digest of
+the model's sources: after an edit it is built again at the next use, where Numba and a linker are installed.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import hashlib
+import logging
+import os
+import struct
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from knee_contact_ros.model import ticks
-from knee_contact_ros.model.compiler import COMPILING, compiled, kept_by
+from knee_contact_ros.model.compiler import (
+    ENTRY,
+    BuildError,
+    build,
+    host,
+    portable_code,
+)
 from knee_contact_ros.model.contact import KneeConstants
 from knee_contact_ros.model.laws import hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.profiles import Circle
-from knee_contact_ros.model.run_state import STATE_SIZE
 from knee_contact_ros.model.surfaces import ContactPair, Plane
-from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows, blank_answers
+from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows
 
-PLAIN_TICK = 0.3e-3
-"""Processor time [s] of an uncompiled tick in gait"""
-LOADING = 0.7
-"""Processor time [s] of loading the kept file, with Numba's import"""
-kept_files = partial(kept_by, ticks.run)
-"""Return the files in which the compiled kernel is kept, for any processor, without importing Numba."""
+KEPT_LIBRARIES = 4
+"""Largest number of libraries in a folder"""
+_log = logging.getLogger(__name__)
 
 
 def kernel_views(rows: Rows) -> tuple[Floats, Bytes, Counts]:
@@ -36,9 +49,9 @@ def kernel_views(rows: Rows) -> tuple[Floats, Bytes, Counts]:
     )
 
 
-def example_call() -> tuple[Any, ...]:
-    """Return arguments of `ticks.run`; a knee of any law, surface and mechanism has the types of this one."""
-    knee = KneeConstants(
+def example_knee() -> KneeConstants:
+    """Return the constants of a knee; those of any law, surface and mechanism have the types of these."""
+    return KneeConstants(
         surfaces=ContactPair(Circle(0.034), Plane(0.0), MECHANISMS["hinge"]()).surfaces,
         law=hertz(stiffness=1e7, exponent=1.5).rows,
         mass=1.0,
@@ -51,18 +64,144 @@ def example_call() -> tuple[Any, ...]:
         remembers_impact=False,
         plausible_depth=1e-3,
     )
-    return knee, np.zeros(STATE_SIZE), np.zeros((1, 4)), *kernel_views(blank_answers(1))
 
 
-def worth_compiling(number: int | None) -> bool:
-    """Return whether compiling is faster for a number of ticks; None (unknown): whether the compiled kernel is kept."""
-    if compiled_run.cache_info().currsize:
-        return compiled_run() is not None
-    plain = COMPILING if number is None else number * PLAIN_TICK
-    return plain > LOADING and (plain > COMPILING or bool(kept_files()))
+class Constants:
+    """A knee's constants in memory, as the library takes them: structures of C, which hold pointers to others."""
+
+    def __init__(self, knee: KneeConstants) -> None:
+        """Lay out the constants; see `structure` for the layout."""
+        self.knee = knee
+        self._kept: list[Any] = []
+        self.address = self._structure(knee)
+        """Address of the outer structure, valid as long as this object lives"""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Constants, (self.knee,)
+
+    def _structure(self, values: Any) -> int:
+        layout, numbers = "", list[Any]()
+        for value in values:
+            letters, own = self._field(value)
+            layout += letters
+            numbers += own
+        memory = ctypes.create_string_buffer(struct.pack(f"@{layout}", *numbers))
+        self._kept.append(memory)
+        return ctypes.addressof(memory)
+
+    def _field(self, value: Any) -> tuple[str, list[Any]]:
+        """Return the layout of a field in the letters of `struct`, and its numbers."""
+        if isinstance(value, np.ndarray):  # owner, parent, number, item size, data, shape, strides
+            self._kept.append(value)
+            numbers = [0, 0, value.size, value.itemsize, value.ctypes.data]
+            return f"PPqqP{2 * value.ndim}q", [*numbers, *value.shape, *value.strides]
+        if hasattr(value, "_fields"):
+            return "P", [self._structure(value)]
+        return {bool: "?", int: "q", float: "d"}[type(value)], [value]
+
+
+class Kernel:
+    """Computes the ticks of a knee: by the library, if that is wanted and there, or plain."""
+
+    def __init__(self, knee: KneeConstants, *, compiled: bool) -> None:
+        """Hold a knee; see `library` for what happens without one."""
+        self.knee = knee
+        self._function = library() if compiled else None
+        self._constants = Constants(knee) if self._function else None
+
+    def bind(self, state: Floats, samples: Floats, answers: Rows) -> Callable[[], object]:
+        """Return a function that computes samples, shape (n, 4), from a state into answers, shape (n,).
+
+        All arrays are contiguous. Their addresses are looked up once, which takes longer than a tick.
+        """
+        if self._function is None or self._constants is None:
+            return partial(ticks.run, self.knee, state, samples, *kernel_views(answers))
+        places = [array.ctypes.data for array in (state, samples, answers)]
+        knee, run, data, rows = map(ctypes.c_void_p, (self._constants.address, *places))
+        bound = partial(self._function, knee, run, data, ctypes.c_int64(len(samples)), rows)
+        vars(bound)["kept"] = self._constants, state, samples, answers  # they live as long as it
+        return bound
 
 
 @cache
-def compiled_run() -> Callable[..., None] | None:
-    """Return the compiled `ticks.run`, ready for its first call; None, with a warning, if Numba cannot be used."""
-    return compiled(ticks.run, example_call())
+def library() -> Callable[..., int] | None:
+    """Return the function of the library, which is built first if it is missing; None, with a warning, without it."""
+    try:
+        function: Any = ctypes.CDLL(str(library_file()))[ENTRY]
+    except (BuildError, OSError) as error:
+        text = "knee_contact_ros: there is no compiled model (%s); the plain one computes, slowly"
+        _log.warning(text, " ".join(str(error).split()))
+        return None
+    pointer = ctypes.c_void_p
+    function.argtypes = pointer, pointer, pointer, ctypes.c_int64, pointer
+    function.restype = ctypes.c_int32
+    return function  # type: ignore[no-any-return]
+
+
+def library_file() -> Path:
+    """Return the file of the library for this machine; it is built if there is none.
+
+    Raises:
+        BuildError: it cannot be built.
+        OSError: it cannot be written anywhere.
+    """
+    for file in _files():
+        if file.is_file():
+            return file
+    for file in _files():
+        try:
+            build_in(file.parent)
+        except OSError as error:
+            refused = error
+        else:
+            return file
+    raise refused
+
+
+def build_in(folder: str | Path) -> None:
+    """Build the library for this machine in a folder.
+
+    Raises:
+        BuildError: a tool is missing or fails.
+        OSError: the folder cannot be written.
+    """
+    file = Path(folder, _file_name())
+    build(portable_code(), host(), file)
+    _remove_old(file)
+
+
+def _remove_old(file: Path) -> None:
+    """Remove libraries of earlier sources beside a new one, but for the newest ones: other checkouts may use them."""
+    with suppress(OSError):
+        others = file.parent.glob(f"knee_contact-*{file.suffix}")
+        for old in sorted(others, key=os.path.getmtime)[:-KEPT_LIBRARIES]:
+            old.unlink()
+
+
+@cache
+def digest_of_sources() -> str:
+    """Return a digest of all files of the model, by which a library belongs to its sources.
+
+    Constants may come from any of them.
+    """
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+def _files() -> list[Path]:
+    """Return the places of the library, the first choice first: beside the model, or in the user's cache."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111  (there may be no home)
+    return [Path(__file__).with_name(_file_name()), Path(home, "knee_contact_ros", _file_name())]
+
+
+def _file_name() -> str:
+    return f"knee_contact-{digest_of_sources()}{host().suffix}"
+
+
+def is_built() -> bool:
+    """Whether there is a library for this machine."""
+    return any(file.is_file() for file in _files())
+
+
+if __name__ == "__main__":
+    library_file()

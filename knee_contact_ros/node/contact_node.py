@@ -26,8 +26,7 @@ from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.model.compiler import COMPILING
-from knee_contact_ros.model.kernel import kept_files
+from knee_contact_ros.model.kernel import is_built
 from knee_contact_ros.model.types import ROW, ContactState, answer_struct
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
@@ -152,21 +151,18 @@ class ContactSession(Session):
             )
 
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:
-        """Load the compiled model; if that is not possible, the plain one computes.
+        """Load the library of the model; if that is not possible, the plain model computes.
 
-        It is compiled in its own process, which can simply be killed. In a process that compiles, a signal may come
-        during a finalizer or a callback from C, where Python drops the exception; or it leaves LLVM's objects half
-        made, which crashes at the end of the process. A signal while that process starts waits until the process is
-        known; otherwise it would go on compiling.
+        A library that is missing is built in its own process, which can simply be killed: a signal while LLVM works
+        would leave its objects half made, and crash at the end. A signal while that process starts waits until the
+        process is known; otherwise it would go on.
         """
-        if find_spec("numba") and not kept_files():
-            self.node.get_logger().info(
-                f"compiling the model, once on a machine, which takes about {COMPILING:.0f} s"
-            )
+        if find_spec("numba") and not is_built():
+            self.node.get_logger().info("building the model, once, which takes about 8 s")
             process = start_process(
                 output=None,
                 **OWN_PROCESS_GROUP,
-                **python_module("knee_contact_ros.commands.main", "warm"),
+                **python_module("knee_contact_ros.model.kernel"),
             )
             try:
                 with interrupting():

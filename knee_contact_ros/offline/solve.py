@@ -25,7 +25,6 @@ from knee_contact_ros.bags.provenance import (
     provenance_record,
 )
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
-from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
@@ -50,8 +49,6 @@ BLOCK = 8192
 """Number of messages in a block: a few MB, but enough that handling a block costs almost nothing"""
 SOURCE_DAMAGE = "source_damage"
 """Name of the metadata record of an output that lists the damage of the bag it was computed from"""
-MESSAGES_OF_A_TICK = 2
-"""Number of input messages that a tick needs: an angle and a force"""
 
 
 def solve(
@@ -101,7 +98,7 @@ def solve(
         recorder = opened.enter_context(
             recording_of(bag, output, overwrite, topics, parameters, curves)
         )
-        if worth_compiling(total // MESSAGES_OF_A_TICK) if compiled is None else compiled:
+        if compiled is not False:
             pipeline.compile_model()
         summary, *others = (
             Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments

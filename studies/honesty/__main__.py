@@ -59,7 +59,7 @@ def main(
         return
     numbers = [seed * SEEDS + first + i for i in range(count or STUDIES[study][1])]
     rows: list[Row] = []
-    kernel.compiled_run()  # once, so that the workers do not both compile it
+    kernel.library()  # once, so that the workers do not both compile it
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         for number, some in pool.map(partial(found, study, part), numbers):
             rows += some

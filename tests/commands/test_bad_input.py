@@ -70,7 +70,6 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "{file} typo/out.mcap": NO_FOLDER,
         "{file} out": "output out: its name must end with .mcap",
     },
-    "warm": {"--params nowhere.yaml": "nowhere.yaml: cannot read the parameter file"},
     "import-opensim": {
         "--side right --kinematics q --reactions r --output typo/bag": NO_FOLDER,
     },

@@ -1,4 +1,4 @@
-"""How a command ends, where it writes and what it refuses to; `warm`."""
+"""How a command ends, where it writes and what it refuses to."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import click
 import pytest
 
 from knee_contact_ros.commands.main import GROUPS, INTERRUPTED, knee_contact, main
-from knee_contact_ros.model import compiler, kernel
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 from tests.helpers.commands import run
@@ -165,41 +164,3 @@ def test_the_other_recordings_of_a_bags_folder_are_named(
     assert run(f"solve {folder} --output {tmp_path}/out.mcap") == 0
     told = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
     assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {told}"
-
-
-LOADED = """
-import knee_contact_ros
-knee_contact_ros.load_model(compiled=True).stream().tick(0.0, 0.3, 700.0)
-"""
-
-
-def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("warm") == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    folder = kernel.kept_files()[0].parent
-    assert line in (f"compiled, in {folder}", f"compiled already, in {folder}")
-    done = subprocess.run(
-        [sys.executable, "-c", LOADED], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    # One model is for every kind of knee.
-    assert run("warm --params mri_knee -p contact.law:=flores") == 0
-    assert capsys.readouterr().out == f"compiled already, in {folder}\n"
-
-
-def test_what_cannot_be_kept_is_no_success(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(kernel, "kept_files", list)
-    assert run("warm") == 1
-    assert "could not be compiled and kept in " in capsys.readouterr().err
-
-
-def test_without_a_home_one_line_says_what_is_missing(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(compiler, "folders", lambda _entry: [tmp_path])
-    monkeypatch.setattr(kernel, "kept_files", list)
-    assert run("warm") == 2
-    *_, line = capsys.readouterr().err.splitlines()  # before it, maybe, that the model is compiled
-    assert "set XDG_CACHE_HOME" in line

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.model.kernel import compiled_run
+from knee_contact_ros.model.kernel import library
 
-compiled_run()
+library()

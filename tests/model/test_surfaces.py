@@ -77,7 +77,10 @@ any_pair = pytest.mark.parametrize("name", SCENES)
 
 @cache
 def compiled() -> Callable[..., tuple[float, ...]]:
-    return compiler.compiled(closest, (SCENES["circle cup"][0].surfaces, 0.0, 0.0, 0.0)) or closest
+    made: Callable[..., tuple[float, ...]] = compiler.numba_functions(
+        closest, no_cpython_wrapper=False
+    )
+    return made
 
 
 def found_by(pair: ContactPair, angle: float, height: float) -> Closest:

@@ -31,7 +31,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.bag import RawMessage
-from knee_contact_ros.model.kernel import compiled_run
+from knee_contact_ros.model.kernel import library
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.processes import DEATH_SIGNAL_PREFIX
 from knee_contact_ros.system.ros import make_executor, private_graph
@@ -65,7 +65,7 @@ def graph() -> Iterator[None]:
     """Loopback only, in a domain of our own."""
     with private_graph() as environment:
         os.environ.update(environment)
-        compiled_run()  # on a new machine nobody waits for that later
+        library()  # on a new machine nobody waits for that later
         rclpy.init()
         yield
         rclpy.shutdown()

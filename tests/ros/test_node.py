@@ -22,8 +22,6 @@ from rosgraph_msgs.msg import Clock
 import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.model.compiler import stamp
-from knee_contact_ros.model.kernel import kept_files
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
 from knee_contact_ros.system.processes import free_port
@@ -293,18 +291,15 @@ def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path:
     assert recorded == [contact.penetration_depth for contact in peer.contacts]
 
 
-def test_a_node_that_compiles_ends_without_a_kernel(
+def test_a_node_that_builds_the_model_ends_without_a_library(
     start_node: Start,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
 ) -> None:
-    """At the moment when its second child has begun, which compiles; the first one records."""
-    monkeypatch.setenv("NUMBA_OPT", "2")  # what is compiled with other settings is of no use
-    request.addfinalizer(stamp.cache_clear)
-    stamp.cache_clear()
-    for left in kept_files():  # by this test, where it has failed
-        left.unlink()
+    """At the moment when its second child has begun, which builds; the first one records."""
+    package = copy_of_the_package(tmp_path / "copy")
+    monkeypatch.chdir(package.parent)
     node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
     process, begun = psutil.Process(node.process.pid), list[psutil.Process]()
     while len(begun) < 2:
@@ -315,5 +310,5 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     time.sleep(0.02)
     node.stop(signal.SIGTERM)
     assert not [child for child in begun if not has_ended(child)]
-    assert not kept_files()
+    assert not list(package.glob("model/*.so"))
     assert not list(tmp_path.glob("bag/*.partial"))

@@ -17,7 +17,6 @@ from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.headers import TableFormat, header_of
 from knee_contact_ros.lab.tables import read_numbers
 from knee_contact_ros.lab.units import check_unit
-from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Floats, Status
 from knee_contact_ros.parameters.build import build_model, contact_pair, retuned
@@ -288,7 +287,5 @@ def make_contact_problem(
     fidelity = parameters.fidelity.model_copy(update={"tolerance": tolerance, "budget": 0})
     exact = parameters.model_copy(update={"fidelity": fidelity})
     texts = curve_texts(exact, {})
-    if compiled is None:
-        compiled = worth_compiling(RUNS * len(unknowns) * len(measured.time))
     model = replace(build_model(exact, curves=texts), compiled=compiled, results=Results)
     return ContactProblem(measured, unknowns, exact, model, texts)

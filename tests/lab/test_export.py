@@ -1,0 +1,212 @@
+"""Knees as C: no warning, the same numbers on each processor, and refusals as in Python."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.export import export
+from knee_contact_ros.parameters.files import load_parameters
+from tests import ROOT
+
+pytestmark = [
+    pytest.mark.skipif(find_spec("numba") is None, reason="needs the extra compile"),
+    pytest.mark.skipif(not shutil.which("cc"), reason="needs Debian: apt install gcc)"),
+]
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2"]
+KNEES = {
+    "healthy": ["healthy"],
+    "osteoarthritis": ["osteoarthritis"],
+    "mri_knee": ["healthy", "mri_knee"],
+    "gonthier": ["healthy", {"contact.law": "gonthier"}],
+}
+MICROCONTROLLER = ROOT / "examples" / "microcontroller"
+TIME_LIMIT = 120
+"""Time [s] after which an emulated processor stands still: a fault of it loops"""
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """Function that returns the folder of a knee for a target."""
+    folder = tmp_path_factory.mktemp("exported")
+
+    def exported(knee: str, target: str) -> Path:
+        output = folder / target / knee
+        if not output.exists():
+            export(load_parameters(KNEES[knee]), knee, output, target)
+        return output
+
+    return exported
+
+
+Exported = Callable[[str, str], Path]
+
+
+def compiled(folder: Path, *arguments: str, compiler: str = "cc", name: str = "program") -> str:
+    """Compile C in a folder; return what the compiler says, which is nothing if it is well."""
+    command = [*compiler.split(), *arguments, "-o", name, "-lm"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return done.stderr + "failed" * (done.returncode != 0)
+
+
+def ran(folder: Path, *command: str) -> tuple[int, str]:
+    """Run a program of a folder; return its exit code and what it prints."""
+    done = subprocess.run(
+        command or ["./program"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=TIME_LIMIT,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+@pytest.mark.parametrize("knee", KNEES)
+def test_a_knee_in_c_gives_the_same_bytes_here(exported: Exported, knee: str) -> None:
+    folder = exported(knee, "x86-64")
+    sources = f"{knee}_test.c", f"{knee}.c", "knee_contact.o"
+    assert compiled(folder, "-std=c99", *WARNINGS, *sources) == ""
+    code, said = ran(folder)
+    assert (code, said) == (
+        0,
+        f"{knee}: 200 of 200 ticks have the same bytes, the others are at most 0.0e+00 off\n",
+    )
+
+
+def test_the_header_is_c_and_cplusplus(exported: Exported) -> None:
+    folder = exported("healthy", "x86-64")
+    (folder / "use.cpp").write_text(CPLUSPLUS)
+    objects = "use.cpp", "healthy.o", "knee_contact.o"
+    subprocess.run(["cc", "-c", "healthy.c"], cwd=folder, check=True)  # noqa: S607
+    assert compiled(folder, "-std=c++17", *WARNINGS, *objects, compiler="c++", name="use") == ""
+    assert ran(folder, "./use") == (0, "refused 8 of 8, state kept, answers cleared; then 0\n")
+
+
+CPLUSPLUS = """
+#include <cstdio>
+#include "knee_contact.h"
+extern "C" const knee_contact_knee healthy;
+int main() {
+  knee_contact_state state{};
+  knee_contact_answer answer;
+  knee_contact_tick(&healthy, &state, 0.0, 0.3, 700.0, &answer);
+  const knee_contact_state before = state;
+  const double bad[][3] = {{0, .3, 700}, {-1e-3, .3, 700}, {NAN, .3, 700}, {INFINITY, .3, 700},
+                           {1e-3, NAN, 700}, {1e-3, 17, 700}, {1e-3, .3, INFINITY}, {1e-3, .3, 2e6}};
+  int refused = 0, kept = 1, cleared = 1;
+  for (const auto &one : bad) {
+    memset(&answer, 0xA5, sizeof answer);
+    refused += knee_contact_tick(&healthy, &state, one[0], one[1], one[2], &answer) == KNEE_CONTACT_REFUSED;
+    kept &= memcmp(&state, &before, sizeof state) == 0;
+    cleared &= answer.contact_force == 0.0 && answer.stamp == 0 && (answer.status & KNEE_CONTACT_UNUSABLE) != 0;
+  }
+  memset(&answer, 0xA5, sizeof answer);
+  const int then = knee_contact_tick(&healthy, &state, 1e-3, 0.3, 700.0, &answer);
+  cleared &= answer.contact_point_z == 0.0 && answer.latency == 0.0 && answer.contact_wrench_torque_x == 0.0;
+  std::printf("refused %d of 8, %s, %s; then %d\\n", refused, kept ? "state kept" : "state changed",
+              cleared ? "answers cleared" : "old numbers left", then);
+}
+"""
+
+
+BROKEN = {
+    "a field that moved": ("    double gap; ", "    double moved; double gap; "),
+    "a field that is missing": ("    double load; ", "    /* */ "),
+    "a type that is shorter": ("    double femoral_height; ", "    float femoral_height; "),
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_layout_fails_the_exported_test(
+    exported: Exported, tmp_path: Path, kind: str
+) -> None:
+    folder = shutil.copytree(exported("healthy", "x86-64"), tmp_path / "broken")
+    header = (folder / "knee_contact.h").read_text()
+    before, after = BROKEN[kind]
+    assert header.count(before) == 1
+    (folder / "knee_contact.h").write_text(header.replace(before, after))
+    assert compiled(folder, "-std=c99", "healthy_test.c", "healthy.c", "knee_contact.o")
+
+
+def test_wrong_constants_fail_the_exported_test(exported: Exported, tmp_path: Path) -> None:
+    """As those of a kernel with another layout of the knee, or of another float ABI, would be."""
+    folder = shutil.copytree(exported("healthy", "x86-64"), tmp_path / "wrong")
+    source = (folder / "healthy.c").read_text()
+    (folder / "healthy.c").write_text(
+        source.replace("double mass;\n    double per_mass;", "double per_mass;\n    double mass;")
+    )
+    assert compiled(folder, "-std=c99", "healthy_test.c", "healthy.c", "knee_contact.o") == ""
+    assert ran(folder)[0] == 0
+    (folder / "healthy.c").write_text(source.replace("double mass;", "double mass, shift;"))
+    assert compiled(folder, "-std=c99", "healthy_test.c", "healthy.c", "knee_contact.o") == ""
+    code, said = ran(folder)
+    assert code == 1
+    assert said.startswith("tick ")
+
+
+@pytest.mark.parametrize("knee", ["healthy", "mri_knee"])
+def test_the_same_bytes_on_aarch64(exported: Exported, knee: str) -> None:
+    compiler, emulator = "aarch64-linux-gnu-gcc", "qemu-aarch64"
+    if not (shutil.which(compiler) and shutil.which(emulator)):
+        pytest.skip(
+            "needs Debian: apt install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross)"
+        )
+    folder = exported(knee, "aarch64")
+    sources = f"{knee}_test.c", f"{knee}.c", "knee_contact.o"
+    assert compiled(folder, "-std=c99", *WARNINGS, *sources, compiler=compiler) == ""
+    code, said = ran(folder, emulator, "-L", "/usr/aarch64-linux-gnu", "./program")
+    assert (code, "200 of 200" in said) == (0, True), said
+
+
+@pytest.mark.parametrize("knee", ["healthy", "mri_knee"])
+def test_the_promised_digits_on_a_cortex_m7(exported: Exported, knee: str) -> None:
+    compiler, emulator = "arm-none-eabi-gcc", "qemu-system-arm"
+    if not (shutil.which(compiler) and shutil.which(emulator)):
+        pytest.skip(
+            "needs Debian: apt install qemu-system-arm gcc-arm-none-eabi libnewlib-arm-none-eabi)"
+        )
+    folder = exported(knee, "cortex-m7")
+    done = subprocess.run(
+        [MICROCONTROLLER / "build.sh", folder, f"{knee}_test.c", f"{knee}.c"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    code, said = ran(folder, str(MICROCONTROLLER / "emulate.sh"), "program.elf")
+    assert (code, said.startswith(f"{knee}: ")) == (0, True), said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["healthy", "--name", "2nd"], "name '2nd' is no name in C"),
+        (["healthy", "-p", "drive:=displacement"], "drive displacement cannot be exported"),
+        (["nowhere"], "nowhere"),
+    ],
+)
+def test_what_cannot_be_exported_is_said(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], line: str
+) -> None:
+    assert main(["export", *arguments, "--output", str(tmp_path / "out")]) == 2
+    assert line in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_names_its_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    files = ["healthy", "both_compartments", "--output", str(tmp_path), "--name", "knee"]
+    assert main(["export", *files]) == 0
+    assert "knee_contact.h" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "README.md",
+        "knee_contact.h",
+        "knee_contact.o",
+        *(f"knee_{side}{end}" for side in ("medial", "lateral") for end in (".c", "_test.c")),
+    }

@@ -1,0 +1,181 @@
+"""The library of the model: the same bits as plain Python, built once, portable, and missed with one line."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from knee_contact_ros import load_model
+from knee_contact_ros.model import compiler
+from knee_contact_ros.model.compiler import ENTRY, TARGETS, BuildError, object_code
+from knee_contact_ros.model.kernel import is_built, library_file
+from knee_contact_ros.model.laws import CONTACT_LAWS
+from tests import ROOT
+from tests.helpers.scenes import law, model
+from tests.model.scenes import PAIRS, hopping, stepping
+
+LIBM = {"ceil", "cos", "exp", "floor", "fmod", "log", "pow", "sin", "sincos", "sqrt", "trunc"}
+"""All that a library may need from elsewhere"""
+USE = """
+import knee_contact_ros
+print(knee_contact_ros.load_model().run([0.0, 0.01], [0.3, 0.31], [700.0, 710.0]).penetration_depth[-1])
+"""
+needs_numba = pytest.mark.skipif(find_spec("numba") is None, reason="needs the extra compile")
+
+
+@pytest.mark.parametrize("level", ["dynamic", "quasi_static"])
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_the_library_gives_the_bits_of_plain_python(name: str, level: str) -> None:
+    """Each law, on one pair of surfaces after the other, with lift-offs and jumps of the load."""
+    pairs = list(PAIRS.values())
+    pair = pairs[list(CONTACT_LAWS).index(name) % len(pairs)]()
+    for time, angle, load in (hopping(40), stepping(40)):
+        plain = model(law(name), 1e-6, pair=pair, budget=2000)
+        plain = replace(plain, level={"dynamic": plain.level, "quasi_static": 0}[level])
+        fast = replace(plain, compiled=True)
+        assert plain.run(time, angle, load).tobytes() == fast.run(time, angle, load).tobytes()
+
+
+def test_any_number_of_threads_may_run_knees() -> None:
+    time, angle, load = hopping(2000, 1e-3)
+    knees = [load_model(name, compiled=True) for name in ("healthy", "osteoarthritis")] * 2
+    alone = [knee.run(time, angle, load).tobytes() for knee in knees]
+    together: dict[int, bytes] = {}
+
+    def run(number: int) -> None:
+        together[number] = knees[number].run(time, angle, load).tobytes()
+
+    threads = [threading.Thread(target=run, args=(number,)) for number in range(len(knees))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [together[number] for number in range(len(knees))] == alone
+
+
+def copy_of_the_package(folder: Path) -> Path:
+    """Return a folder with the package and its library, for processes of its own."""
+    package = folder / "knee_contact_ros"
+    shutil.copytree(
+        ROOT / "knee_contact_ros", package, ignore=shutil.ignore_patterns("__pycache__", "*.so")
+    )
+    for shared in ("config", "bags"):
+        (folder / shared).symlink_to(ROOT / shared)
+    return package
+
+
+def used(folder: Path, begin: str = "", **environment: str) -> tuple[str, str]:
+    """Return what a use of a copy prints, and what it says on stderr."""
+    own = {**os.environ, "PYTHONPATH": str(folder), "HOME": str(folder / "home"), **environment}
+    own.pop("XDG_CACHE_HOME", None)
+    done = subprocess.run(
+        [sys.executable, "-c", begin + USE],
+        cwd=folder,
+        env=own,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout, done.stderr
+
+
+@needs_numba
+def test_an_edit_of_the_model_builds_it_again_once(tmp_path: Path) -> None:
+    package = copy_of_the_package(tmp_path)
+    library = library_file()
+    shutil.copy2(library, package / "model")
+    as_built = used(tmp_path)
+    assert as_built[1] == ""
+    laws = package / "model" / "laws.py"
+    edited = laws.read_text("utf-8").replace(
+        "return ContactLaw((Layer(stiffness=stiffness",
+        "return ContactLaw((Layer(stiffness=2.0 * stiffness",
+    )
+    laws.write_text(edited + "\n# Another law\n", "utf-8")
+    depth, said = used(tmp_path)
+    assert said.startswith("knee_contact_ros: building the compiled model, once")
+    assert len(said.splitlines()) == 1
+    assert float(depth) < float(as_built[0])
+    assert used(tmp_path) == (depth, "")
+
+
+def test_without_library_and_numba_the_plain_model_computes_and_says_so_once(
+    tmp_path: Path,
+) -> None:
+    copy_of_the_package(tmp_path)
+    (tmp_path / "numba.py").write_text("raise ImportError('not here')")
+    hidden = "import importlib.util as u; find = u.find_spec\n"
+    hidden += "u.find_spec = lambda name, *rest: None if name == 'numba' else find(name, *rest)\n"
+    depth, said = used(tmp_path, hidden)
+    assert depth == used_here()
+    (line,) = said.splitlines()
+    assert (
+        "there is no compiled model (Numba is not installed); the plain one computes, slowly"
+        in line
+    )
+
+
+def used_here() -> str:
+    """Return what a use of this package prints."""
+    return f"{load_model().run([0.0, 0.01], [0.3, 0.31], [700.0, 710.0]).penetration_depth[-1]}\n"
+
+
+@pytest.mark.skipif(not shutil.which("nm"), reason="needs binutils (Debian: apt install binutils)")
+def test_the_library_needs_libm_alone_and_holds_no_data() -> None:
+    assert is_built()
+    listed = subprocess.run(
+        ["nm", "-D", library_file()],  # noqa: S607
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    symbols = [line.split()[-2:] for line in listed.stdout.splitlines()]
+    needed = {name.split("@")[0] for kind, name in symbols if kind == "U"}
+    assert needed <= LIBM
+    assert [name for kind, name in symbols if kind in "TDB"] == [ENTRY]
+
+
+@needs_numba
+def test_code_with_sizes_or_names_of_this_machine_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    address = "define i32 @kernel() { %a = inttoptr i64 4096 to ptr\n %b = load i32, ptr %a\n ret i32 %b }"
+    outside = "declare i32 @numba_helper()\ndefine i32 @kernel() { %b = call i32 @numba_helper()\n ret i32 %b }"
+    monkeypatch.setattr(
+        compiler,
+        "_entry_code",
+        lambda: (
+            "declare i32 @kernel()\ndefine i32 @knee_contact_run() { %c = call i32 @kernel()\n ret i32 %c }"
+        ),
+    )
+    for code in (address, outside):
+        with pytest.raises(BuildError, match="the object needs"):
+            object_code(code, TARGETS["cortex-m7"])
+    for piece in (
+        "getelementptr inbounds i8, ptr %knee, i64 24",
+        "call void @llvm.memcpy.p0(ptr %a, ptr %b, i64 32, i1 false)",
+    ):
+        assert compiler.HOST_SIZES.search(piece)
+
+
+@needs_numba
+def test_what_is_changed_in_numba_is_still_there() -> None:
+    """Names that are not public, by which the model is translated in 5 s instead of 40 s."""
+    from numba import njit
+    from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary
+    from numba.core.typeinfer import TypeVar
+    from numba.core.types.functions import BaseFunction
+
+    assert isinstance(njit(lambda x: x).targetctx.codegen()._library_class, type)
+    assert {"add_llvm_module", "finalize"} <= set(dir(CPUCodeLibrary))
+    assert "get_pointer_to_function" in dir(JITCodeLibrary)
+    assert {"add_type", "lock"} <= set(dir(TypeVar))
+    assert callable(BaseFunction.get_call_type)
