@@ -18,7 +18,7 @@ from knee_contact_ros.model import compiler
 from knee_contact_ros.model.compiler import ENTRY, TARGETS, BuildError, object_code
 from knee_contact_ros.model.kernel import is_built, library_file
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from tests import ROOT
+from tests.helpers.package import copy_of_the_package
 from tests.helpers.scenes import law, model
 from tests.model.scenes import PAIRS, hopping, stepping
 
@@ -59,17 +59,6 @@ def test_any_number_of_threads_may_run_knees() -> None:
     for thread in threads:
         thread.join()
     assert [together[number] for number in range(len(knees))] == alone
-
-
-def copy_of_the_package(folder: Path) -> Path:
-    """Return a folder with the package and its library, for processes of its own."""
-    package = folder / "knee_contact_ros"
-    shutil.copytree(
-        ROOT / "knee_contact_ros", package, ignore=shutil.ignore_patterns("__pycache__", "*.so")
-    )
-    for shared in ("config", "bags"):
-        (folder / shared).symlink_to(ROOT / shared)
-    return package
 
 
 def used(folder: Path, begin: str = "", **environment: str) -> tuple[str, str]:

@@ -38,8 +38,6 @@ ANSWER_UNITS: dict[str, str] = {
 UNITS = INPUT_UNITS | ANSWER_UNITS
 TOLERANCE = 1e-9
 """Tolerance of the depth [m] while fitting: the model's error must be far below that of the measurement"""
-RUNS = 300
-"""Approximate number of runs of the model that a fit takes for each free parameter"""
 
 
 @dataclass(frozen=True)
