@@ -1,6 +1,6 @@
 # knee_contact_ros on ROS 2 Jazzy (Ubuntu 24.04), without Rerun: it needs NumPy 2, and Ubuntu's SciPy needs NumPy 1.
 #   docker build --tag knee-contact .
-#   docker run --rm --network host --ipc host --volume knee-cache:/home/ubuntu/.cache knee-contact node --ros-args ...
+#   docker run --rm --network host --ipc host knee-contact node --ros-args ...
 FROM ros:jazzy-ros-base
 
 ENV PIP_NO_CACHE_DIR=1 PYTHONDONTWRITEBYTECODE=1
@@ -29,8 +29,6 @@ RUN . "/opt/ros/$ROS_DISTRO/setup.bash" \
     && python3 -m colcon build --base-paths src --cmake-args -DBUILD_TESTING=OFF -DPython3_EXECUTABLE=/ws/venv/bin/python3 \
     && rm -rf build log
 
-# The build has compiled the model, for the kind of processor that it ran on. On others the first start compiles it, for some 6 to 12 s, and keeps it in the cache: mount a volume there.
-RUN install --directory --owner=1000 --group=1000 /home/ubuntu/.cache
 USER 1000
 WORKDIR /home/ubuntu
 STOPSIGNAL SIGINT

@@ -70,10 +70,9 @@ def load_model(
     one of the package's own, like `"osteoarthritis"`. Later ones override earlier ones:
     `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
-    The compiled model computes the same bits about a hundred times faster. It is compiled once for every kind of knee,
-    in about 6 s, and kept; after that it loads in under a second. By default a run uses it if that is faster in total,
-    and a stream uses it if it is already kept. `compiled` True means always, False never. If Numba cannot be used, a
-    warning says so once, and the plain model computes.
+    The compiled model, a library that is built with the package, computes the same bits about a hundred times faster.
+    `compiled` False computes with plain Python. If there is no library and it cannot be built, a warning says so once,
+    and the plain model computes.
 
     `curves` has the contents of files that parameters name, by parameter, instead of the files. Implausible parameters
     (a stiffness or a body weight that must be in other units) cause a warning.
