@@ -23,7 +23,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.contact_node import encode_stride
+from knee_contact_ros.node.stride_topic import encode_stride
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.messages import WrenchStamped as Wrench
