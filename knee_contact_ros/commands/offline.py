@@ -291,7 +291,7 @@ def warm(given: ParameterOptions) -> None:
     ~/.cache/knee_contact_ros. It is valid for this version of the model, of its compiler and of Python, on this kind of
     processor.
     """
-    from knee_contact_ros.model.compiler import folders
+    from knee_contact_ros.model.compiler import cache_folders
     from knee_contact_ros.model.kernel import compiled_run, kept_files
     from knee_contact_ros.model.ticks import run
     from knee_contact_ros.offline.notebooks import load_model
@@ -303,7 +303,7 @@ def warm(given: ParameterOptions) -> None:
         state = "compiled already" if set(before) == set(after) else "compiled"
         say(f"{state}, in {after[0].parent}")
         return
-    places = folders(run)
+    places = cache_folders(run)
     if len(places) == 1:
         raise UsageError(
             f"there is no folder for the compiled model: this user has no home and cannot write in {places[0]}; set "

@@ -30,9 +30,12 @@ from typing import Any, TypeVar, cast
 
 COMPILING = 6.0
 """Processor time [s] of compiling the model"""
-FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
-"""Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""
-NOT_NEEDED = (
+MAX_FILES = 8
+"""Number of newest files that stay in a folder, also those of other processors"""
+FILE_SUFFIX = ".kernel"
+DIGEST_SIZE = hashlib.sha256().digest_size
+"""Bytes of the digest with which a file begins"""
+SKIPPED_PASSES = (
     "InlineClosureLikes",
     "DeadBranchPrune",
     "ReconstructSSA",
@@ -43,18 +46,17 @@ NOT_NEEDED = (
 )
 """Numba's passes for closures, variables whose type changes, what Numba itself would inline, arrays as a whole, and
 references: 1.1 of 7 s. Ten others that nothing here needs take 0.1 s together, and stay."""
-OPTIONS = {
+NUMBA_OPTIONS = {
     "error_model": "numpy",
     "nogil": True,
     "_nrt": False,
-    "forceinline": False,
     "no_cfunc_wrapper": True,
 }
 """Numba's options: divisions are not checked, since no divisor is 0, and references to arrays are not counted"""
 
-FUNCTIONS: list[Callable[..., Any]] = []
+MARKED: list[Callable[..., Any]] = []
 """All marked functions, of which a tick consists"""
-INLINED: list[Callable[..., Any]] = []
+MARKED_INLINE: list[Callable[..., Any]] = []
 """Those of them that become a part of their callers: what nearly every tick calls, from few places"""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -63,13 +65,13 @@ _log = logging.getLogger(__name__)
 
 def in_kernel(function: _Function) -> _Function:
     """Mark a function that a tick calls."""
-    FUNCTIONS.append(function)
+    MARKED.append(function)
     return function
 
 
 def inlined(function: _Function) -> _Function:
     """Mark a function that nearly every tick calls, from few places; passing its arguments would take longer."""
-    INLINED.append(function)
+    MARKED_INLINE.append(function)
     return in_kernel(function)
 
 
@@ -85,72 +87,72 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
         if numba.config.DISABLE_JIT:
             raise ImportError("NUMBA_DISABLE_JIT is set")
-    except (
-        Exception
-    ) as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
+    # What Numba finds wrong with Python, NumPy or its own libraries has many names.
+    except Exception as error:
         _log.warning(
             "knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly",
-            _said(error),
+            _reason(error),
         )
         return None
-    _take_by_reference(example)
-    made, types = twin(entry), tuple(map(numba.typeof, example))
-    name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
-    paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
-    if not any(
-        _done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)
-    ):
+    _pass_by_reference(example)
+    made = numba_form(entry)
+    types = tuple(map(numba.typeof, example))
+    target = _digest(made.targetctx.codegen().magic_tuple(), types)
+    name = f"{source_digest(entry)}-{target}{FILE_SUFFIX}"
+    paths = [folder / name for folder in cache_folders(entry)]
+    there = [path for path in paths if os.path.lexists(path)]
+    unusable = list[str]()
+    if not any(_succeeds(partial(_load, made), path, unusable) for path in there):
         from knee_contact_ros.system.progress import announce
 
         with announce(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
-            compile_twin(made, types)
-        kept = any(
-            _done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused)
-            for path in paths
-        )
-        if doubts or not kept:
+            compile_whole(made, types)
+        write = partial(_write, dumps(made.overloads[types]._reduce()))
+        not_written = list[str]()
+        kept = any(_succeeds(write, path, not_written) for path in paths)
+        if unusable or not kept:
             then = "compiled again" if kept else "what was compiled is not kept"
-            _log.warning("knee_contact_ros: compiled code: %s; %s", [*refused, *doubts][-1], then)
+            fault = [*not_written, *unusable][-1]
+            _log.warning("knee_contact_ros: compiled code: %s; %s", fault, then)
     made.disable_compile()
     return cast("Callable[..., Any]", made)
 
 
-def twin(entry: Callable[..., Any]) -> Any:
-    """Return Numba's form of a marked function, for `compile_twin`; it calls such forms of other functions."""
+def numba_form(entry: Callable[..., Any]) -> Any:
+    """Return Numba's form of a marked function, for `compile_whole`; it calls such forms of other functions."""
     from numba import njit
 
-    made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
-    for function in _reached(entry):
-        space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
-        options = {**OPTIONS, "pipeline_class": _pipeline(), "forceinline": function in INLINED}
-        options["no_cpython_wrapper"] = function is not entry
-        made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
-    for space in spaces.values():
-        space.update(
-            {
-                name: made[one]
-                for name, one in space.items()
-                if isinstance(one, FunctionType) and one in made
-            }
+    made, namespaces = dict[Any, Any](), dict[int, dict[str, Any]]()
+    for function in _called_functions(entry):
+        # A copy of the module's names, in which the marked functions are exchanged for Numba's forms of them.
+        names = namespaces.setdefault(id(function.__globals__), dict(function.__globals__))
+        compile_by = njit(
+            **NUMBA_OPTIONS,
+            pipeline_class=_shorter_pipeline(),
+            forceinline=function in MARKED_INLINE,
+            no_cpython_wrapper=function is not entry,
         )
+        made[function] = compile_by(FunctionType(function.__code__, names, function.__name__))
+    for names in namespaces.values():
+        for name, value in names.items():
+            if isinstance(value, FunctionType) and value in made:
+                names[name] = made[value]
     return made[entry]
 
 
-def _reached(entry: Any) -> list[FunctionType]:
+def _called_functions(entry: Any) -> list[FunctionType]:
     """Return a marked function and all marked functions that it may call."""
     reached = [entry]
     for function in reached:  # it grows meanwhile
-        named = [function.__globals__.get(name) for name in function.__code__.co_names]
-        reached += [
-            one
-            for one in named
-            if isinstance(one, FunctionType) and one in FUNCTIONS and one not in reached
-        ]
+        for name in function.__code__.co_names:
+            value = function.__globals__.get(name)
+            if isinstance(value, FunctionType) and value in MARKED and value not in reached:
+                reached.append(value)
     return reached
 
 
 @cache
-def _pipeline() -> Any:
+def _shorter_pipeline() -> Any:
     """Return a compiler, in Numba's sense, without the passes that are not needed."""
     from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
@@ -158,7 +160,7 @@ def _pipeline() -> Any:
         def define_pipelines(self) -> list[Any]:
             passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
             passes.passes = [
-                (one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED
+                (one, why) for one, why in passes.passes if one.__name__ not in SKIPPED_PASSES
             ]
             passes._finalized = False
             passes.finalize()
@@ -167,8 +169,8 @@ def _pipeline() -> Any:
     return Pipeline
 
 
-def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
-    """Compile what `twin` returns for the types of its arguments, in less than half of Numba's time.
+def compile_whole(made: Any, types: tuple[Any, ...]) -> None:
+    """Compile what `numba_form` returns for the types of its arguments, in less than half of Numba's time.
 
     LLVM optimises all functions once, together with the entry. Numba alone would let it optimise and translate each
     function with all that it calls. As nothing else calls the inner functions, LLVM may also drop unused arguments and
@@ -184,23 +186,18 @@ def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
 
     class Whole(JITCodeLibrary):
         def finalize(self) -> None:
-            for (
-                library
-            ) in self._linking_libraries:  # it grows meanwhile: each function is linked once
-                more = getattr(library, "_linking_libraries", ())
-                self._linking_libraries += [
-                    one for one in more if one not in self._linking_libraries
-                ]
+            for library in self._linking_libraries:  # it grows meanwhile
+                for one in getattr(library, "_linking_libraries", ()):
+                    if one not in self._linking_libraries:  # each function is linked once
+                        self._linking_libraries.append(one)
             super().finalize()
 
         def _optimize_final_module(self) -> None:
-            own = f"{len(self.name.rpartition('.')[2])}{self.name.rpartition('.')[2]}B"
+            entry = self.name.rpartition(".")[2]
+            own = f"{len(entry)}{entry}B"  # as it is mangled
             for function in self._final_module.functions:
-                if (
-                    not function.is_declaration
-                    and own not in function.name
-                    and "_ZN" in function.name
-                ):
+                ours = "_ZN" in function.name and not function.is_declaration
+                if ours and own not in function.name:
                     function.linkage = Linkage.internal
             # Once, as there are no references to count, and without vectors, which gain nothing here.
             passes, builder = self._codegen._module_pass_manager(
@@ -208,35 +205,44 @@ def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
             )
             passes.run(self._final_module, builder)
 
-    linked = type(
-        "Linked",
-        (JITCodeLibrary,),
-        {
-            "_optimize_functions": lambda *_: None,
-            "finalize": lambda me: setattr(me, "_finalized", True),
-            "codegen": property(lambda me: me),
-            "set_env": lambda *_: None,
-            "get_pointer_to_function": lambda *_: 0,
-        },
-    )
+    class Linked(JITCodeLibrary):
+        """An inner function, which is only linked into the whole: it needs no address and no codegen of its own."""
+
+        def _optimize_functions(self, *_: Any) -> None: ...
+
+        def finalize(self) -> None:
+            self._finalized = True
+
+        @property
+        def codegen(self) -> Any:
+            return self
+
+        def set_env(self, *_: Any) -> None: ...
+
+        def get_pointer_to_function(self, *_: Any) -> int:
+            return 0
+
     call_type, known = BaseFunction.get_call_type, dict[Any, Any]()
 
-    def remembered(function: Any, context: Any, args: Any, keywords: Any) -> Any:
+    def known_call_type(function: Any, context: Any, args: Any, keywords: Any) -> Any:
         key = function, tuple(args), tuple(dict(keywords).items())
         if key not in known:
             known[key] = call_type(function, context, args, keywords)
         return known[key]
 
     add_type, codegen = Variable.add_type, made.targetctx.codegen()
+
+    def add_number(variable: Any, kind: Any, loc: Any) -> Any:
+        return add_type(variable, unliteral(kind), loc)
+
+    def library_of(codegen: Any, name: str) -> Any:
+        return (Whole if name == made.__name__ else Linked)(codegen, name)
+
     changed = {
-        (BaseFunction, "get_call_type"): remembered,
-        (Variable, "add_type"): lambda variable, kind, loc: add_type(
-            variable, unliteral(kind), loc
-        ),
+        (BaseFunction, "get_call_type"): known_call_type,
+        (Variable, "add_type"): add_number,
         (Variable, "lock"): lambda variable, kind, loc, **_: variable.add_type(kind, loc),
-        (codegen, "_library_class"): lambda of, name: (Whole if name == made.__name__ else linked)(
-            of, name
-        ),
+        (codegen, "_library_class"): library_of,
     }
     before = {(owner, name): getattr(owner, name) for owner, name in changed}
     collecting = gc.isenabled()
@@ -252,7 +258,7 @@ def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
             gc.enable()
 
 
-def _take_by_reference(values: Iterable[Any]) -> None:
+def _pass_by_reference(values: Iterable[Any]) -> None:
     """Let compiled code take the named tuples among values, and those in them, by address.
 
     Numba would pass each field as a separate argument, and of an array also each size: the knee, which nearly every
@@ -263,61 +269,61 @@ def _take_by_reference(values: Iterable[Any]) -> None:
 
     for value in values:
         if hasattr(value, "_fields"):
-            _take_by_reference(value)
+            _pass_by_reference(value)
             typeof_impl.register(
-                type(value), lambda one, _: _by_reference(tuple(map(typeof, one)), type(one))
+                type(value), lambda one, _: _reference_to(tuple(map(typeof, one)), type(one))
             )
 
 
-def _by_reference(fields: tuple[Any, ...], kind: type) -> Any:
+def _reference_to(fields: tuple[Any, ...], kind: type) -> Any:
     """Return Numba's type of the address of such a named tuple, which lies on the stack of the entry's caller."""
-    return _address()(fields, kind)
+    return _reference_type()(fields, kind)
 
 
 @cache
-def _address() -> Any:
-    """Return the class of the types that `_by_reference` returns."""
+def _reference_type() -> Any:
+    """Return the class of the types that `_reference_to` returns."""
     from numba.core import cgutils, types
     from numba.core.datamodel.models import PrimitiveModel
     from numba.core.imputils import lower_getattr_generic
     from numba.extending import NativeValue, register_model, unbox
 
-    class Address(types.NamedTuple):  # type: ignore[name-defined]  # Numba is not typed
+    class Reference(types.NamedTuple):  # type: ignore[name-defined]  # Numba is not typed
         @property
         def whole(self) -> Any:
             return types.NamedTuple(self.types, self.instance_class)  # type: ignore[attr-defined]
 
         def __reduce__(self) -> Any:
-            return _by_reference, (self.types, self.instance_class)
+            return _reference_to, (self.types, self.instance_class)
 
-    @register_model(Address)
+    @register_model(Reference)
     class Pointer(PrimitiveModel):
         def __init__(self, manager: Any, kind: Any) -> None:
             super().__init__(
                 manager, kind, manager.lookup(kind.whole).get_value_type().as_pointer()
             )
 
-    @unbox(Address)
+    @unbox(Reference)
     def unboxed(kind: Any, value: Any, context: Any) -> Any:
         whole = context.unbox(kind.whole, value)
         return NativeValue(
             cgutils.alloca_once_value(context.builder, whole.value), whole.is_error, whole.cleanup
         )
 
-    @lower_getattr_generic(Address)
+    @lower_getattr_generic(Reference)
     def field(_context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
         return builder.load(cgutils.gep_inbounds(builder, address, 0, kind.fields.index(name)))
 
-    return Address
+    return Reference
 
 
-def kept_by(entry: Callable[..., Any]) -> list[Path]:
+def kept_files_of(entry: Callable[..., Any]) -> list[Path]:
     """Return the files in which a compiled function is kept, for any processor, without importing Numba."""
-    pattern = f"{stamp(entry)}-*{SUFFIX}"
-    return [path for folder in folders(entry) for path in folder.glob(pattern)]
+    pattern = f"{source_digest(entry)}-*{FILE_SUFFIX}"
+    return [path for folder in cache_folders(entry) for path in folder.glob(pattern)]
 
 
-def folders(entry: Callable[..., Any]) -> list[Path]:
+def cache_folders(entry: Callable[..., Any]) -> list[Path]:
     """Return the folders in which a compiled function may be kept, the first choice first."""
     beside = Path(entry.__code__.co_filename).parent / "__pycache__" / "compiled"
     caches = Path(os.environ.get("XDG_CACHE_HOME", "")), Path(os.path.expanduser("~/.cache"))  # noqa: PTH111
@@ -328,12 +334,14 @@ def folders(entry: Callable[..., Any]) -> list[Path]:
 
 
 @cache
-def stamp(entry: Callable[..., Any]) -> str:
+def source_digest(entry: Callable[..., Any]) -> str:
     """Return a digest of everything but the processor that compiled code depends on, without importing Numba.
 
     The sources are all files in the folders of the functions, as constants may come from any of them.
     """
-    beside = sorted({Path(function.__code__.co_filename).parent for function in _reached(entry)})
+    beside = sorted(
+        {Path(function.__code__.co_filename).parent for function in _called_functions(entry)}
+    )
     files = [path for folder in beside for path in sorted(folder.glob("*.py"))]
     found = [importlib.util.find_spec(name) for name in ("numba", "llvmlite")]
     files += [Path(spec.origin).with_name("_version.py") for spec in found if spec and spec.origin]
@@ -348,17 +356,17 @@ def _digest(*parts: Any) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def _done(step: Callable[[Path], None], path: Path, doubts: list[str]) -> bool:
+def _succeeds(step: Callable[[Path], None], path: Path, doubts: list[str]) -> bool:
     """Whether a step with a file succeeds; if not, the reason is added to the doubts."""
     try:
         step(path)
         return True
     except Exception as error:  # what is whole and ours may still have been made by something else
-        doubts.append(f"{path}: {_said(error)}")
+        doubts.append(f"{path}: {_reason(error)}")
         return False
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return " ".join(
         (getattr(error, "strerror", None) or str(error) or type(error).__name__).split()
     )
@@ -368,14 +376,14 @@ def _load(made: Any, path: Path) -> None:
     """Load compiled code into Numba's form of a function."""
     from numba.core.compiler import CompileResult
 
-    _refuse_others(path.parent.lstat())
+    _check_owner(path.parent.lstat())
     # Without O_NONBLOCK a pipe would keep us waiting.
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        _refuse_others(os.fstat(file.fileno()))
+        _check_owner(os.fstat(file.fileno()))
         data = file.read()
-    if data[:DIGEST] != hashlib.sha256(path.name.encode() + data[DIGEST:]).digest():
+    if data[:DIGEST_SIZE] != hashlib.sha256(path.name.encode() + data[DIGEST_SIZE:]).digest():
         raise OSError("it is damaged")
-    found = CompileResult._rebuild(made.targetctx, *pickle.loads(data[DIGEST:]))  # noqa: S301
+    found = CompileResult._rebuild(made.targetctx, *pickle.loads(data[DIGEST_SIZE:]))  # noqa: S301
     made.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
     made.add_overload(found)
 
@@ -383,7 +391,7 @@ def _load(made: Any, path: Path) -> None:
 def _write(content: bytes, path: Path) -> None:
     """Write a file, which appears only when complete, and remove files that are no longer used."""
     path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-    _refuse_others(path.parent.lstat())
+    _check_owner(path.parent.lstat())
     part = path.with_name(f"{path.name}.{os.urandom(8).hex()}")
     try:
         with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb") as file:
@@ -392,11 +400,11 @@ def _write(content: bytes, path: Path) -> None:
     finally:
         part.unlink(missing_ok=True)
     with suppress(OSError):
-        for old in sorted(path.parent.glob(f"*{SUFFIX}*"), key=os.path.getmtime)[:-FILES]:
+        for old in sorted(path.parent.glob(f"*{FILE_SUFFIX}*"), key=os.path.getmtime)[:-MAX_FILES]:
             old.unlink()
 
 
-def _refuse_others(status: os.stat_result) -> None:
+def _check_owner(status: os.stat_result) -> None:
     """Refuse a file or folder that another user than root can write."""
     if status.st_uid not in (os.geteuid(), 0):
         raise OSError("it belongs to another user, or its folder does")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.model import ticks
-from knee_contact_ros.model.compiler import COMPILING, compiled, kept_by
+from knee_contact_ros.model.compiler import COMPILING, compiled, kept_files_of
 from knee_contact_ros.model.contact import KneeConstants
 from knee_contact_ros.model.laws import hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
@@ -22,7 +22,7 @@ PLAIN_TICK = 0.3e-3
 """Processor time [s] of an uncompiled tick in gait"""
 LOADING = 0.7
 """Processor time [s] of loading the kept file, with Numba's import"""
-kept_files = partial(kept_by, ticks.run)
+kept_files = partial(kept_files_of, ticks.run)
 """Return the files in which the compiled kernel is kept, for any processor, without importing Numba."""
 
 

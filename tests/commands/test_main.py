@@ -198,7 +198,7 @@ def test_what_cannot_be_kept_is_no_success(
 def test_without_a_home_one_line_says_what_is_missing(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(compiler, "folders", lambda _entry: [tmp_path])
+    monkeypatch.setattr(compiler, "cache_folders", lambda _entry: [tmp_path])
     monkeypatch.setattr(kernel, "kept_files", list)
     assert run("warm") == 2
     *_, line = capsys.readouterr().err.splitlines()  # before it, maybe, that the model is compiled

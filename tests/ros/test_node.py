@@ -22,7 +22,7 @@ from rosgraph_msgs.msg import Clock
 import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.model.compiler import stamp
+from knee_contact_ros.model.compiler import source_digest
 from knee_contact_ros.model.kernel import kept_files
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
@@ -301,8 +301,8 @@ def test_a_node_that_compiles_ends_without_a_kernel(
 ) -> None:
     """At the moment when its second child has begun, which compiles; the first one records."""
     monkeypatch.setenv("NUMBA_OPT", "2")  # what is compiled with other settings is of no use
-    request.addfinalizer(stamp.cache_clear)
-    stamp.cache_clear()
+    request.addfinalizer(source_digest.cache_clear)
+    source_digest.cache_clear()
     for left in kept_files():  # by this test, where it has failed
         left.unlink()
     node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
