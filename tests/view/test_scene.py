@@ -14,7 +14,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros import load_model
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.results import FIRST_DATE
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view import layout, plots
@@ -309,7 +309,7 @@ def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_
     knee: Knee, tmp_path: Path
 ) -> None:
     """A timeline has one kind of time: it is not known before."""
-    (drawing, rows), today = knee, DATES_FROM * 5
+    (drawing, rows), today = knee, FIRST_DATE * 5
     dated = at(rows, today + rows["stamp"])
     path = written(tmp_path / "knee.rrd", drawing, [("reset", {"tick": "0"}), dated])
     assert [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")] == dated[
