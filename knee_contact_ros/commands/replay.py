@@ -102,7 +102,8 @@ class Replayer:
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
         """Wait until each topic has a subscriber and no new one comes; return False if that takes over `seconds`."""
         now = time.monotonic()
-        deadline, settled = now + seconds, now + _SETTLING_TIME
+        deadline = now + seconds
+        settled = now + _SETTLING_TIME
         counts = self._subscribers()
         while now < (settled if all(counts) else deadline) and now < deadline:
             spin(0.02)

@@ -54,10 +54,8 @@ def ament_prefixes() -> list[str]:
 
 def missing_middleware() -> str:
     """Sentence that RMW_IMPLEMENTATION names a middleware that is not installed, else empty; ROS would just exit."""
-    wanted, index = (
-        os.environ.get("RMW_IMPLEMENTATION", ""),
-        "share/ament_index/resource_index/rmw_typesupport",
-    )
+    wanted = os.environ.get("RMW_IMPLEMENTATION", "")
+    index = "share/ament_index/resource_index/rmw_typesupport"
     known = {
         each.name for prefix in ament_prefixes() for each in Path(prefix, index).glob("rmw_*_cpp")
     }
@@ -258,7 +256,8 @@ def bracket_depth(text: str) -> int:
 
 def _check_bounds(content: Any) -> None:
     """Refuse content that exceeds the bounds, which would take long to process; aliases count each time."""
-    branches, nodes = [iter([content])], 0
+    branches = [iter([content])]
+    nodes = 0
     while branches:
         node = next(branches[-1], END)
         if node is END:

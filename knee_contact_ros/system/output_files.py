@@ -35,8 +35,10 @@ REPAIR_COMMANDS = {
     ".rrd": "rerun rrd merge {} -o OUT.rrd",
 }
 """Commands that repair a recording that was cut off, by suffix"""
-LOCK_TRIES, LOCK_PAUSE = 5, 0.01
-"""Number of attempts to lock a file, and pause between them [s], as others may briefly hold the lock to check it"""
+LOCK_TRIES = 5
+"""Number of attempts to lock a file, as others may briefly hold the lock to check it"""
+LOCK_PAUSE = 0.01
+"""Pause between two of them [s]"""
 CREATE_FLAGS = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to create and open a new file"""
 DISK_FULL_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
@@ -253,9 +255,8 @@ def rename_new(partial: Path, name: Path) -> None:
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
             raise
-        if os.path.lexists(
-            name
-        ):  # a file system without links, as on memory cards: a check is all that can be done
+        # A file system without links, as on memory cards: a check is all that can be done.
+        if os.path.lexists(name):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(name)) from None
         partial.rename(name)
     else:
@@ -340,9 +341,8 @@ def work_folder(output: Path) -> Iterator[Path]:
         UsageError: it cannot be made.
         IncompleteError: the disk is full; also if it becomes full while the results are written.
     """
-    from knee_contact_ros.system.processes import (
-        interrupted_by_sigterm,
-    )  # a third of the time of --help
+    # Imported here, as subprocess takes a third of the time of --help.
+    from knee_contact_ros.system.processes import interrupted_by_sigterm
 
     work = output / f".incomplete-{os.getpid()}"
     made = not output.exists()

@@ -221,9 +221,8 @@ def check_port_free(port: int, name: str) -> None:
         UsageError: another process listens on it, or it is not allowed.
     """
     with socket.socket() as probe:
-        probe.setsockopt(
-            socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
-        )  # as the server does: closed connections linger
+        # As the server does: otherwise closed connections that linger would take the port.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((LOCALHOST, port))
         except OSError as error:

@@ -24,18 +24,14 @@ def one_line_ros_errors() -> Iterator[None]:
         UsageError: the ROS graph cannot be joined.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # rclpy's, on what it could not clean up after the failure
+        # After the failure rclpy warns of what it could not clean up.
+        warnings.simplefilter("ignore", RuntimeWarning)
         try:
             yield
-        except (
-            RuntimeError,
-            NameValidationException,
-        ) as error:  # rclpy's other errors derive from the former
-            raise UsageError(
-                f"cannot join the ROS graph: {str(error).removesuffix('^')}"
-            ) from None
+        # All errors of rclpy but NameValidationException derive from RuntimeError.
+        except (RuntimeError, NameValidationException) as error:
+            reason = str(error).removesuffix("^")
+            raise UsageError(f"cannot join the ROS graph: {reason}") from None
 
 
 @contextmanager

@@ -41,8 +41,10 @@ FLOAT = re.compile(
     re.IGNORECASE,
 )
 SPECIAL = re.compile(r"[+-]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
-MIN_INTEGER, MAX_INTEGER, MAX_INTEGER_LENGTH = -(2**63), 2**63 - 1, 1000
-"""Range of an integer, and the largest number of its characters"""
+MIN_INTEGER = -(2**63)
+MAX_INTEGER = 2**63 - 1
+MAX_INTEGER_LENGTH = 1000
+"""Largest number of characters of an integer: Python refuses to convert longer ones"""
 RANKED_KINDS = (bool, int, float, str, list, type(None))
 """Kinds of values; if two files give a section's name different kinds, rcl keeps the one that comes first here"""
 NAME_PART = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
@@ -66,9 +68,8 @@ def parse_scalar(text: str) -> Any:
     if FLOAT.fullmatch(text):
         with suppress(OverflowError):
             number = float.fromhex(text) if "x" in text.lower() else float(text)
-            if (
-                math.isfinite(number) or "n" in text.lower()
-            ):  # of inf and nan; a number that is too large is a text
+            # Infinity and NaN have an n; a number that is too large for a float stays a text.
+            if math.isfinite(number) or "n" in text.lower():
                 return number
     return text
 
