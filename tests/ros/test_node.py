@@ -77,9 +77,7 @@ def test_where_libraries_are_missing_the_node_says_so_once_and_gives_the_same(
 ) -> None:
     """Numba; and the events executor, which older rclpy have not."""
     recording = tmp_path / "out.mcap"
-    node = start_node(
-        "-p", f"record.path:={recording}", without="numba,rclpy.experimental", anew=True
-    )
+    node = start_node(f"record.path:={recording}", without="numba,rclpy.experimental", anew=True)
     peer.wait_for_node()
     assert_bits_of_python(peer, "healthy")
     assert trigger(peer, "stop_recording")[0]
@@ -117,7 +115,7 @@ def test_simulated_time_stamps_the_diagnostics_and_nothing_else(
     peer: Peer, start_node: Start
 ) -> None:
     """At first it stands still, which does not stop the node."""
-    start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
+    start_node("use_sim_time:=true", "pairing.wait:=0.2")
     peer.wait_for_node()
     peer.send(0, 0.2, 1000.0)
     peer.send_force(STEP, 1000.0)
@@ -206,15 +204,11 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(
     recording, redone, scene = (
         tmp_path / name for name in ("live.mcap", "redone.mcap", "knee.rrd")
     )
-    shown = ("-p", "rerun.mode:=file", "-p", f"rerun.path:={scene}") if HAS_VIEWER else ()
+    shown = ("rerun.mode:=file", f"rerun.path:={scene}") if HAS_VIEWER else ()
     node = start_node(
-        "-p",
         "load.compartment:=both",
-        "-p",
         "load.share:=0.6",
-        "-p",
         "lateral.contact.damping:=900.0",
-        "-p",
         f"record.path:={recording}",
         *shown,
     )
@@ -268,7 +262,7 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(
 def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     """As SIGINT and SIGTERM do, by which other tests end their nodes."""
     recording = tmp_path / "bag" / "bag_0.mcap"
-    node = start_node("-p", f"record.path:={recording}", anew=True)
+    node = start_node(f"record.path:={recording}", anew=True)
     peer.wait_for_node()
     peer.send_series()
     peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
@@ -305,7 +299,7 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     source_digest.cache_clear()
     for left in kept_files():  # by this test, where it has failed
         left.unlink()
-    node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
+    node = start_node(f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
     process, begun = psutil.Process(node.process.pid), list[psutil.Process]()
     while len(begun) < 2:
         assert node.process.poll() is None
