@@ -134,7 +134,7 @@ class Replayer:
 
 
 def has_inputs(bag: Path, namespace: str, inputs: Sequence[str]) -> bool:
-    """Whether a bag has one of the inputs in a namespace."""
+    """Return whether a bag has one of the inputs in a namespace."""
     with Bag(bag) as opened:
         topics = opened.topics
     return bool(namespace) and any(absolute(topic, namespace) in topics for topic in inputs)

@@ -115,7 +115,7 @@ def child_process(
 
 
 def python_module(module: str, *arguments: str) -> dict[str, Any]:
-    """Arguments of `start_process` for a module in a process that imports from the same folders as this one.
+    """Return arguments of `start_process` for a module whose process imports from the same folders as this one.
 
     The working folder is left out, because a file there may have the name of a library.
     """

@@ -53,7 +53,7 @@ WILDCARD_PATTERNS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
 
 
 def parse_scalar(text: str) -> Any:
-    """Value of a scalar without quotes in a parameter file."""
+    """Return the value of a scalar without quotes in a parameter file."""
     if text in TRUE_TEXTS or text in FALSE_TEXTS:
         return text in TRUE_TEXTS
     if len(text) <= MAX_INTEGER_LENGTH and INTEGER.fullmatch(text):
@@ -75,7 +75,7 @@ def parse_scalar(text: str) -> Any:
 
 
 def _content(event: Any, more: Iterator[Any]) -> Any:
-    """Content that begins with an event of a YAML text and takes `more` of them."""
+    """Return the content that begins with an event of a YAML text and takes `more` of them."""
     if isinstance(event, events.AliasEvent):
         raise UsageError(f"ROS 2 reads no aliases (*{event.anchor})")
     if isinstance(event, events.ScalarEvent):
@@ -99,7 +99,7 @@ def _content(event: Any, more: Iterator[Any]) -> Any:
 
 
 def read_sections(path: Path, known: Sections | None = None) -> Sections:
-    """Sections of a parameter file, after those `known` from earlier files; a file without node names is for `/**`.
+    """Read the sections of a parameter file, after those `known` from earlier files; without node names: `/**`.
 
     Raises:
         UsageError: it cannot be read, or is not a parameter file.
@@ -128,7 +128,7 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
 
 
 def parse_documents(text: str) -> list[Any]:
-    """Contents of the documents of a YAML text.
+    """Return the contents of the documents of a YAML text.
 
     Raises:
         UsageError: it is not YAML, or nested too deep.
@@ -194,7 +194,7 @@ def _add_values(values: dict[str, Any], content: Mapping[str, Any]) -> None:
 
 
 def flatten(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values of a mapping with nested or dotted names; the names begin with `before`."""
+    """Yield dotted names and values of a mapping with nested or dotted names; the names begin with `before`."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             yield from flatten(value, f"{before}{name}.")
@@ -203,12 +203,12 @@ def flatten(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
 
 
 def _rank(value: Any) -> int:
-    """Place of a value's kind in `RANKED_KINDS`."""
+    """Return the place of a value's kind in `RANKED_KINDS`."""
     return RANKED_KINDS.index(type(value)) if type(value) in RANKED_KINDS else len(RANKED_KINDS)
 
 
 def values_for(sections: Sections, node: str) -> dict[str, Any]:
-    """Values that a node with this absolute name gets, by dotted name."""
+    """Return the values that a node with this absolute name gets, by dotted name."""
     merged: dict[str, Any] = {}
     for section, values in sections.items():
         if matches_node(section, node):
@@ -217,7 +217,7 @@ def values_for(sections: Sections, node: str) -> dict[str, Any]:
 
 
 def matches_node(name: str, node: str) -> bool:
-    """Whether the name of a section, which may have wildcards, fits the absolute name of a node."""
+    """Return whether the name of a section, which may have wildcards, fits the absolute name of a node."""
     return bool(
         re.fullmatch(
             "".join(
@@ -230,7 +230,7 @@ def matches_node(name: str, node: str) -> bool:
 
 
 def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
-    """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
+    """Read parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
 
     Raises:
         UsageError: a side of a rule is missing, or a value is not YAML.
