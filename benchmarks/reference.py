@@ -152,7 +152,8 @@ def ellipse(a: float, b: float) -> Surface:
     """Build the support of an ellipse with half axes a (anterior) and b (superior) [m]."""
 
     def surface(angle: float) -> tuple[float, float, float]:
-        sine, cosine = math.sin(angle), math.cos(angle)
+        sine = math.sin(angle)
+        cosine = math.cos(angle)
         h = math.sqrt(a * a * sine * sine + b * b * cosine * cosine)
         first = (a * a - b * b) * sine * cosine / h
         return h, first, ((a * a - b * b) * (cosine * cosine - sine * sine) - first * first) / h
@@ -164,7 +165,8 @@ def circle_in_circle(radius: float, tibial_radius: float, translation: float) ->
     """Build the pose of a circle in a concave one, carried forwards by `translation` [m] x sin(angle)."""
 
     def pose(angle: float, turn: float, height: float) -> tuple[float, float, float]:
-        x, x_rate = translation * math.sin(angle), translation * math.cos(angle) * turn
+        x = translation * math.sin(angle)
+        x_rate = translation * math.cos(angle) * turn
         above = height - tibial_radius
         distance = math.sqrt(x * x + above * above)
         return distance + radius - tibial_radius, x * x_rate / distance, -above / distance
@@ -178,8 +180,10 @@ def ellipse_on_slope(a: float, b: float, slope: float, translation: float) -> Po
 
     def pose(angle: float, turn: float, height: float) -> tuple[float, float, float]:
         h, first, _ = support(angle - slope)
-        x, x_rate = translation * math.sin(angle), translation * math.cos(angle) * turn
-        sine, cosine = math.sin(slope), math.cos(slope)
+        x = translation * math.sin(angle)
+        x_rate = translation * math.cos(angle) * turn
+        sine = math.sin(slope)
+        cosine = math.cos(slope)
         return h + sine * x - cosine * height, first * turn + sine * x_rate, cosine
 
     return pose
@@ -268,7 +272,8 @@ def answers(scene: Scene) -> Answers:
     turn = 0.0
     for i in range(1, len(scene.time)):
         duration = scene.time[i] - scene.time[i - 1]
-        before, turn = turn, (scene.angle[i] - scene.angle[i - 1]) / duration
+        before = turn
+        turn = (scene.angle[i] - scene.angle[i - 1]) / duration
         slope = (scene.load[i] - scene.load[i - 1]) / duration
         tick = _Tick(scene.angle[i - 1], turn, scene.load[i - 1], slope)
         state = _turned(scene, point, tick, before, first=i == 1)
@@ -308,7 +313,9 @@ def _turned(scene: Scene, point: _Point, tick: _Tick, before: float, first: bool
 
 def _piece(scene: Scene, tick: _Tick, end: float, start: _Point) -> _Point:
     """Integrate within one mode to the next event or to the end of the tick."""
-    layers, mode, impact = scene.layers, start.mode, start.impact
+    layers = scene.layers
+    mode = start.mode
+    impact = start.impact
     pressing = layers[mode.layer][1] if mode.pressing else None
 
     def contact(s: float, z: NDArray[np.float64]) -> State:
@@ -336,7 +343,8 @@ def _piece(scene: Scene, tick: _Tick, end: float, start: _Point) -> _Point:
     )
     if not solution.success:
         raise RuntimeError(solution.message)
-    s, z = float(solution.t[-1]), solution.y[:, -1]
+    s = float(solution.t[-1])
+    z = solution.y[:, -1]
     if solution.status == 1:
         hit = next(
             name for name, times in zip(events, solution.t_events, strict=True) if len(times)
@@ -395,7 +403,8 @@ def static_depth(scene: Scene) -> float:
     """Depth [m] at which the contact carries the first load; the normal's lean is part of the balance."""
     if scene.load[0] <= 0.0:
         return 0.0
-    depth, last = 0.0, -1.0
+    depth = 0.0
+    last = -1.0
     while depth != last:  # the normal hardly leans with the height
         state = scene.femur.start(depth, scene.angle[0])
         push, pull = (

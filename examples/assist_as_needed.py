@@ -115,7 +115,9 @@ class AssistLaw:
             doubts.append(f"the contact force is {contact_force}")
         if not error_estimate <= self.settings.largest_error:  # asked so that NaN is too large
             doubts.append(f"the error estimate is {error_estimate:g} m")
-        self._heard, self._force, self._doubt_about_answer = now, contact_force, ", ".join(doubts)
+        self._heard = now
+        self._force = contact_force
+        self._doubt_about_answer = ", ".join(doubts)
         if contact_force > self.settings.force_limit:
             self.yielding = True
         elif contact_force < self.settings.force_limit - self.settings.release_band:
@@ -210,7 +212,8 @@ class AssistAsNeeded(Node):
 
     def _tell(self) -> None:
         """Log what changes."""
-        law, limit = self.law, self.law.settings.force_limit
+        law = self.law
+        limit = self.law.settings.force_limit
         state = f"no assist: {law.doubt}" if law.doubt else "assisting"
         if law.yielding and not law.doubt:
             state = f"giving way: the contact force is above {limit:g} N"

@@ -90,7 +90,9 @@ class FakeExoskeleton(Node):
 def main() -> None:
     """Walk until SIGINT or SIGTERM."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node, executor, stopped = FakeExoskeleton(), SingleThreadedExecutor(), list[int]()
+    node = FakeExoskeleton()
+    executor = SingleThreadedExecutor()
+    stopped = list[int]()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: stopped.append(number))
     executor.add_node(node)

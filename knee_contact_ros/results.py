@@ -20,26 +20,29 @@ from knee_contact_ros.model.types import (
     FIELDS,
     FLAT,
     MESSAGE_FIELDS,
+    MM,
     NANOSECOND,
     ROW,
+    Floats,
+    Integers,
     Rows,
     Status,
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 
-DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
-"""Smallest stamp [ns] that counts as a date; stamps of simulations and trials begin near 0"""
+FIRST_DATE = 10 * 365 * 86_400 * 1_000_000_000
+"""Smallest stamp [ns] that counts as a date, in 1979; stamps of simulations and trials begin near 0"""
 TIME = "time"
 """Name of the column with the time"""
 RUN = "run"
 """Name of the column with the number of the run"""
-PARQUET = ".parquet"
-ENDS = 4
+_PARQUET = ".parquet"
+_SHOWN_ROWS = 4
 """Number of rows that the table shows of the beginning, and of the end"""
-WIDTH = 78
+_TABLE_WIDTH = 78
 """Width of the table in a terminal [characters]"""
-HEADINGS = (
+_HEADINGS = (
     "time [s]",
     "flexion [°]",
     "load [N]",
@@ -48,21 +51,25 @@ HEADINGS = (
     "point x [mm]",
     "status",
 )
-SIZE = (8.0, 8.0)
+"""Headings of the table's columns"""
+_FIGURE_SIZE = (8.0, 8.0)
 """Width and height of the figure [inch]"""
-LEAST = 1.0
+_MIN_POINT_RANGE = 1.0
 """Smallest half range [mm] of the axis of the contact point, which may hardly move"""
-DRAWN = ("stamp", "flexion_angle", "load", "contact_force", "penetration_depth", "contact_point")
+_DRAWN = ("stamp", "flexion_angle", "load", "contact_force", "penetration_depth", "contact_point")
 """Fields that the figure shows"""
-LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
+_LOAD_COLOUR = "#b8bec6"
+_FORCE_COLOUR = "#c1272d"
+_DEPTH_COLOUR = "#1b5e9e"
+_POINT_COLOUR = "#4b7f52"
 
 
-def no_such(thing: object, name: str) -> AttributeError:
-    """Make the error of an attribute that a result does not have; it suggests the one with the most similar name."""
+def missing_attribute(thing: object, name: str) -> AttributeError:
+    """Return the error of an attribute that a result does not have; it suggests the one with the most similar name."""
+    # Libraries ask for names with underscores, and expect a short answer.
     near = difflib.get_close_matches(name, dir(thing), n=1) if not name.startswith("_") else []
-    return AttributeError(
-        f"{type(thing).__name__} has no {name}{f'; did you mean {near[0]}?' if near else ''}"
-    )
+    hint = f"; did you mean {near[0]}?" if near else ""
+    return AttributeError(f"{type(thing).__name__} has no {name}{hint}")
 
 
 class Records(np.recarray[Any, Any]):
@@ -72,7 +79,7 @@ class Records(np.recarray[Any, Any]):
         return sorted({*super().__dir__(), *(self.dtype.names or ())})
 
     def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
+        raise missing_attribute(self, name)
 
     def __repr__(self) -> str:
         with np.printoptions(threshold=8, edgeitems=3):
@@ -100,12 +107,12 @@ class Results(Records):
     """Answers of the lateral compartment, from `solve` if both are modelled; a slice does not keep them"""
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """Time of the answers [s], shape (n,); `stamp` has it in integer nanoseconds."""
         return _time_of(self)
 
     @property
-    def run(self) -> NDArray[np.int64]:
+    def run(self) -> Integers:
         """Number of the run of each answer, shape (n,), from 0. A new run begins at rest, as after stamps went back.
 
         Times of several runs may be the same.
@@ -120,16 +127,15 @@ class Results(Records):
             UsageError: the model is not known, or has no patch.
         """
         if self.model is None:
-            raise UsageError(
-                "readouts: the model of these answers is not known; see the method of the model"
-            )
+            reason = "the model of these answers is not known; see the method of the model"
+            raise UsageError(f"readouts: {reason}")
         try:
             return self.model.readouts(self).view(Records)
         except ValueError as error:
             raise UsageError(str(error)) from None
 
     def to_pandas(self) -> Any:
-        """Give a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
+        """Return a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
 
         Vectors are columns of their components: `contact_point_x`. All methods `to_...` use the same names.
 
@@ -140,11 +146,12 @@ class Results(Records):
             >>> answers.to_pandas()[["load", "contact_force"]].round(1).iloc[-1].to_dict()
             {'load': 900.0, 'contact_force': 900.1}
         """
-        pandas, numbers = _library("pandas"), columns(self)
+        pandas = _library("pandas")
+        numbers = columns(self)
         return pandas.DataFrame(numbers, index=pandas.Index(numbers.pop(TIME), name=TIME))
 
     def to_polars(self) -> Any:
-        """Give a `polars.DataFrame` in SI units with a column for every number; the first one is the time [s].
+        """Return a `polars.DataFrame` in SI units with a column for every number; the first one is the time [s].
 
         Example:
             >>> from knee_contact_ros import load_model
@@ -156,7 +163,7 @@ class Results(Records):
         return _library("polars").DataFrame(columns(self))
 
     def to_xarray(self) -> Any:
-        """Give an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`.
+        """Return an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`.
 
         Example:
             >>> from knee_contact_ros import load_model
@@ -165,10 +172,10 @@ class Results(Records):
             >>> answers.to_xarray().contact_force.attrs["units"]
             'N'
         """
-        variables = {
-            name: (TIME, values, {"units": unit} if (unit := unit_of(name)) else {})
-            for name, values in columns(self).items()
-        }
+        variables = {}
+        for name, values in columns(self).items():
+            unit = unit_of(name)
+            variables[name] = (TIME, values, {"units": unit} if unit else {})
         return _library("xarray").Dataset(variables, coords={TIME: variables.pop(TIME)})
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
@@ -186,10 +193,9 @@ class Results(Records):
             >>> with tempfile.TemporaryDirectory() as folder:
             ...     answers.to_parquet(f"{folder}/answers.parquet")
         """
-        if not fspath(path).endswith(PARQUET):
-            raise UsageError(
-                f"{fspath(path)}: to_parquet writes Parquet files, whose names end in {PARQUET}"
-            )
+        if not fspath(path).endswith(_PARQUET):
+            reason = f"to_parquet writes Parquet files, whose names end in {_PARQUET}"
+            raise UsageError(f"{fspath(path)}: {reason}")
         self.to_polars().write_parquet(path)
 
     def plot(self) -> Any:
@@ -216,9 +222,8 @@ class Results(Records):
         self.model = getattr(whole, "model", None)
 
     def __getitem__(self, index: Any) -> Any:
-        return (
-            self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
-        )
+        is_time = isinstance(index, str) and index == TIME
+        return self.time if is_time else super().__getitem__(index)
 
     def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
         """Make joined results with the same fields `Results` again; NumPy drops the class of arrays that it joins."""
@@ -242,7 +247,7 @@ class Results(Records):
 
 
 def columns(rows: Rows) -> dict[str, NDArray[Any]]:
-    """Give all numbers of answers as columns by name, shape (n,) each: time [s], run, then those of all fields.
+    """Return all numbers of answers as columns by name, shape (n,) each: time [s], run, then those of all fields.
 
     Vectors become columns of their components, like `contact_point_x`. Rows with only some of the fields give the
     columns of these.
@@ -250,27 +255,24 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
     Raises:
         UsageError: the stamp is not among the fields.
     """
-    if "stamp" not in (rows.dtype.names or ()):
-        raise UsageError(
-            f"fields {', '.join(rows.dtype.names or ())}: stamp must be one of them, because it gives the time"
-        )
+    names = rows.dtype.names or ()
+    if "stamp" not in names:
+        reason = "stamp must be one of them, because it gives the time"
+        raise UsageError(f"fields {', '.join(names)}: {reason}")
+    found: dict[str, NDArray[Any]] = {TIME: _time_of(rows)}
+    if "status" in names:
+        found[RUN] = _run_of(rows)
+    # A row with some fields keeps the places of all bytes.
     flat = np.asarray(rows).view(FLAT)
-    parts = [
-        (offset, offset + kind.itemsize) for kind, offset, *_ in (rows.dtype.fields or {}).values()
-    ]
-    there = [
-        name
-        for name, (_, at, *_) in (FLAT.fields or {}).items()
-        if any(begin <= at < end for begin, end in parts)
-    ]
-    runs = {RUN: _run_of(rows)} if "status" in (rows.dtype.names or ()) else {}
-    return (
-        {TIME: _time_of(rows)} | runs | {name: np.ascontiguousarray(flat[name]) for name in there}
-    )
+    places = [(at, at + kind.itemsize) for kind, at, *_ in (rows.dtype.fields or {}).values()]
+    for name, (_, at, *_) in (FLAT.fields or {}).items():
+        if any(begin <= at < end for begin, end in places):
+            found[name] = np.ascontiguousarray(flat[name])
+    return found
 
 
 def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
-    """Table of answers by their topics, as the bytes of a .csv or .parquet file: the `columns` that the message has.
+    """Return answers by topic as the bytes of a .csv or .parquet file: the `columns` that the message has.
 
     Several topics follow each other; the first column then has their names.
     """
@@ -278,52 +280,51 @@ def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
     names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *MESSAGE_FIELDS)]
     whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
     if len(answers) > 1:
-        whole = {
-            "topic": np.repeat(list(answers), [len(rows) for rows in answers.values()]),
-            **whole,
-        }
-    if suffix == PARQUET:
+        topics = np.repeat(list(answers), [len(rows) for rows in answers.values()])
+        whole = {"topic": topics, **whole}
+    if suffix == _PARQUET:
         import pyarrow.parquet
 
         file = BytesIO()
         pyarrow.parquet.write_table(pyarrow.table(whole), file)
         return file.getvalue()
     text = StringIO()
-    csv.writer(text, lineterminator="\n").writerows(
-        [list(whole), *zip(*(c.tolist() for c in whole.values()), strict=True)]
-    )
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(whole)
+    writer.writerows(zip(*(column.tolist() for column in whole.values()), strict=True))
     return text.getvalue().encode()
 
 
 def unit_of(name: str) -> str:
-    """Give the SI unit of a column; empty if it has none."""
+    """Return the SI unit of a column; empty if it has none."""
     return "s" if name == TIME else "" if name == RUN else FIELDS[name].unit
 
 
 def begin_of(first: int) -> int:
-    """Give the stamp [ns] from which times are shown to people: the first stamp if it is a date, else 0."""
-    return first if first >= DATES_FROM else 0
+    """Return the stamp [ns] from which times are shown to people: the first stamp if it is a date, else 0."""
+    return first if first >= FIRST_DATE else 0
 
 
 def stamp_text(stamp: int, begin: int) -> str:
     """Write a stamp [ns] in seconds from a stamp `begin`, which is that of `begin_of`."""
-    return f"{NANOSECOND * (stamp - begin):{'+' if begin else ''}.3f}"
+    time = NANOSECOND * (stamp - begin)
+    return f"{time:+.3f}" if begin else f"{time:.3f}"
 
 
-def _time_of(rows: Rows) -> NDArray[np.float64]:
-    """Give the stamps in seconds, shape (n,)."""
+def _time_of(rows: Rows) -> Floats:
+    """Return the stamps in seconds, shape (n,)."""
     return np.asarray(np.asarray(rows["stamp"]) * NANOSECOND)
 
 
-def _run_of(rows: Rows) -> NDArray[np.int64]:
-    """Give the number of the run of each answer, shape (n,); see `Results.run`."""
+def _run_of(rows: Rows) -> Integers:
+    """Return the number of the run of each answer, shape (n,); see `Results.run`."""
     resets = (np.asarray(rows["status"]) & Status.TIME_RESET) != 0
     resets[:1] = False
     return np.cumsum(resets)
 
 
 def _begin_in(rows: Rows) -> int:
-    """Give the stamp [ns] from which times of answers are shown to people, see `begin_of`; 0 without answers."""
+    """Return the stamp [ns] from which times of answers are shown to people, see `begin_of`; 0 without answers."""
     return begin_of(int(rows["stamp"][0])) if len(rows) else 0
 
 
@@ -343,16 +344,17 @@ def _in_a_line(rows: Rows) -> str:
     """Summarise answers in a line: number, duration and peaks."""
     if not len(rows):
         return "no ticks"
+    ticks = "1 tick" if len(rows) == 1 else f"{len(rows)} ticks"
     time = _time_of(rows)
-    force, depth = (
-        float(np.max(rows["contact_force"])),
-        1e3 * float(np.max(rows["penetration_depth"])),
-    )
-    ticks = f"{len(rows)} tick{'s' * (len(rows) != 1)}"
-    steps, runs = np.diff(time), _run_of(rows)
-    lasts = float(steps[np.diff(runs) == 0].sum()) if runs[-1] else time[-1] - time[0]
-    of = f" in {runs[-1] + 1} runs" * bool(runs[-1])
-    return f"{ticks} over {lasts:.3f} s{of}, at most {force:.1f} N and {depth:.3f} mm"
+    duration = time[-1] - time[0]
+    runs = _run_of(rows)
+    of_runs = ""
+    if runs[-1]:
+        duration = np.diff(time)[np.diff(runs) == 0].sum()
+        of_runs = f" in {runs[-1] + 1} runs"
+    force = np.max(rows["contact_force"])
+    depth = MM * np.max(rows["penetration_depth"])
+    return f"{ticks} over {duration:.3f} s{of_runs}, at most {force:.1f} N and {depth:.3f} mm"
 
 
 def _as_text(rows: Rows) -> str:
@@ -362,63 +364,69 @@ def _as_text(rows: Rows) -> str:
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in HEADINGS:
+    for heading in _HEADINGS:
         table.add_column(heading.replace("[", r"\["), justify="right")
     for cells in _cells(rows):
         table.add_row(*cells)
     text = StringIO()
-    Console(file=text, width=WIDTH).print(table)
-    begin, lines = _begin_in(rows), [line.rstrip() for line in text.getvalue().splitlines()]
-    origin = f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
-    return "\n".join(filter(None, [_in_a_line(rows), origin, *lines]))
+    Console(file=text, width=_TABLE_WIDTH).print(table)
+    lines = [_in_a_line(rows)]
+    begin = _begin_in(rows)
+    if begin:
+        lines.append(f"time from {NANOSECOND * begin:.3f} s on")
+    lines += [line.rstrip() for line in text.getvalue().splitlines()]
+    return "\n".join(filter(None, lines))
 
 
 def _cells(rows: Rows) -> list[tuple[str, ...]]:
-    """Give the cells of the table: of all rows, or of those at both ends."""
-    begin, number = _begin_in(rows), len(rows)
-    shown = (
-        range(number) if number <= 2 * ENDS + 1 else [*range(ENDS), *range(number - ENDS, number)]
-    )
+    """Return the cells of the table: of all rows, or of those at both ends."""
+    begin = _begin_in(rows)
+    whole = np.asarray(rows)
+    is_long = len(whole) > 2 * _SHOWN_ROWS + 1
+    shown = [*whole[:_SHOWN_ROWS], *whole[-_SHOWN_ROWS:]] if is_long else whole
     cells: list[tuple[str, ...]] = [
         (
             stamp_text(int(row["stamp"]), begin),
             f"{np.degrees(row['flexion_angle']):.1f}",
             f"{row['load']:.1f}",
             f"{row['contact_force']:.1f}",
-            f"{1e3 * row['penetration_depth']:.3f}",
-            f"{1e3 * row['contact_point']['x']:.2f}",
+            f"{MM * row['penetration_depth']:.3f}",
+            f"{MM * row['contact_point']['x']:.2f}",
             Status(int(row["status"])).name or str(row["status"]),
         )
-        for row in np.asarray(rows)[shown]
+        for row in shown
     ]
-    return (
-        cells if len(cells) == number else [*cells[:ENDS], ("…",) * len(HEADINGS), *cells[ENDS:]]
-    )
+    if is_long:
+        cells.insert(_SHOWN_ROWS, ("…",) * len(_HEADINGS))
+    return cells
 
 
 def _figure_of(rows: Rows) -> Any:
     """Draw flexion, load and contact force, depth, and the contact point on the plateau, as a matplotlib `Figure`.
 
     Raises:
-        UsageError: a field in `DRAWN` is not there.
+        UsageError: a field in `_DRAWN` is not there.
     """
     names = rows.dtype.names or ()
-    if lacking := [name for name in DRAWN if name not in names]:
+    if lacking := [name for name in _DRAWN if name not in names]:
         raise UsageError(f"fields {', '.join(names)}: plot also needs {', '.join(lacking)}")
-    matplotlib, pyplot = _library("matplotlib"), _library("matplotlib.pyplot")
+    matplotlib = _library("matplotlib")
+    pyplot = _library("matplotlib.pyplot")
     begin = _begin_in(rows)
-    time, along = (
-        NANOSECOND * (np.asarray(rows["stamp"]) - begin),
-        1e3 * np.asarray(rows["contact_point"]["x"]),
-    )
+    time = NANOSECOND * (np.asarray(rows["stamp"]) - begin)
+    along = MM * np.asarray(rows["contact_point"]["x"])
     marker = "o" if len(time) == 1 else None  # a single point makes no line
-    figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
+    figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=_FIGURE_SIZE, layout="constrained")
     flexion, force, depth, point = axes
     flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black", marker=marker)
-    force.plot(time, rows["load"], color=LOAD, linewidth=5.0, label="load", marker=marker)
-    force.plot(time, rows["contact_force"], color=CONTACT, label="contact force", marker=marker)
-    depth.plot(time, 1e3 * np.asarray(rows["penetration_depth"]), color=DEPTH, marker=marker)
-    point.plot(time, along, color=POINT, marker=marker)
+    force.plot(time, rows["load"], color=_LOAD_COLOUR, linewidth=5.0, label="load", marker=marker)
+    force.plot(
+        time, rows["contact_force"], color=_FORCE_COLOUR, label="contact force", marker=marker
+    )
+    depth.plot(
+        time, MM * np.asarray(rows["penetration_depth"]), color=_DEPTH_COLOUR, marker=marker
+    )
+    point.plot(time, along, color=_POINT_COLOUR, marker=marker)
     labels = "flexion [°]", "force [N]", "depth [mm]", "contact point,\nanterior [mm]"
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
@@ -427,12 +435,12 @@ def _figure_of(rows: Rows) -> Any:
     force.set_ylim(bottom=min(0.0, force.get_ylim()[0]))
     force.legend(loc="best", frameon=False)
     depth.set_ylim(bottom=0.0)
-    if len(along) and np.ptp(along) < LEAST:
-        point.set_ylim(along.mean() - LEAST, along.mean() + LEAST)
+    if len(along) and np.ptp(along) < _MIN_POINT_RANGE:
+        middle = along.mean()
+        point.set_ylim(middle - _MIN_POINT_RANGE, middle + _MIN_POINT_RANGE)
     point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
     figure.align_ylabels(axes)
     if "inline" in matplotlib.get_backend():
-        pyplot.close(
-            figure
-        )  # a notebook shows the result of a cell anyway, and would show the figure twice
+        # A notebook shows the result of a cell anyway, and would show the figure twice.
+        pyplot.close(figure)
     return figure

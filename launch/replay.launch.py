@@ -73,7 +73,8 @@ def replay_process(context):
 
 def node_and_replay(context):
     """Node and replay, and the actions when one of them ends."""
-    node, replay = knee_contact_node(context), replay_process(context)
+    node = knee_contact_node(context)
+    replay = replay_process(context)
     rerun = LaunchConfiguration("rerun").perform(context)
     view = LaunchConfiguration("view").perform(context) == "true"
     if view and mode_of(rerun) != "file":

@@ -296,7 +296,8 @@ def plotjuggler(namespace: str = "", version: int = 3) -> str:
         dock = ET.Element("DockArea", name=shown.with_unit(shown.title))
         content = ET.SubElement(dock, "plot", mode="TimeSeries", style=style, line_width="1.5")
         for each in plot.curves:
-            topic, field = absolute(plot.topic, namespace), each.field.replace(".", "/")
+            topic = absolute(plot.topic, namespace)
+            field = each.field.replace(".", "/")
             if not converts:
                 ET.SubElement(content, "curve", topic=topic, field=field, color=code(each.colour))
                 continue

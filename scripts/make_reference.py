@@ -215,7 +215,8 @@ def members_of(item: type, only: list[str]) -> Iterator[str]:
     body: list[Any] = ast.parse(textwrap.dedent(inspect.getsource(item))).body[0].body  # type: ignore[attr-defined]
     for node, after in zip(body, [*body[1:], None], strict=True):
         if isinstance(node, ast.FunctionDef):
-            name, text = node.name, ast.get_docstring(node) or ""
+            name = node.name
+            text = ast.get_docstring(node) or ""
             if not any(
                 isinstance(each, ast.Name) and "property" in each.id
                 for each in node.decorator_list

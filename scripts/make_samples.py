@@ -56,7 +56,10 @@ def write_stl(path: Path, profile: Floats) -> None:
     points = np.array(
         [[(x, y + up, z) for x, y in profile] for z, up in zip(SLICES, bend, strict=True)]
     )
-    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    a = points[:-1, :-1]
+    b = points[1:, :-1]
+    c = points[1:, 1:]
+    d = points[:-1, 1:]
     corners = np.concatenate([np.stack([a, b, c], -2), np.stack([a, c, d], -2)]).reshape(-1, 3, 3)
     facets = np.zeros(
         len(corners), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")]
@@ -70,7 +73,9 @@ def main() -> None:
     for folder in (SUBJECT, LABORATORY):
         folder.mkdir(exist_ok=True)
     gait = solve(ROOT / "bags" / "gait2354_right")
-    time, angle, axial = gait.time, np.degrees(gait.flexion_angle), 2.0 * gait.load
+    time = gait.time
+    angle = np.degrees(gait.flexion_angle)
+    axial = 2.0 * gait.load
     write_sto(SUBJECT / "walk_q.sto", {"time": time, "knee_angle_r": -angle}, degrees=True)
     name = "knee_r_on_tibia_r_in_tibia_r_"
     nothing = np.zeros(len(time))
@@ -87,7 +92,8 @@ def main() -> None:
 
     random = np.random.default_rng(1)
     share = 0.62 + 0.1 * np.sin(np.radians(4.0 * angle))
-    medial, lateral = share * axial, (1.0 - share) * axial
+    medial = share * axial
+    lateral = (1.0 - share) * axial
     cells = {
         "time_s": time,
         "am_n": 0.4 * medial,

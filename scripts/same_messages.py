@@ -47,7 +47,8 @@ print(json.dumps([main(["solve", *arguments]) for arguments in json.load(sys.std
 
 def scene_files(folder: Path, seed: int) -> list[str]:
     """Write a random bag and its parameters; give the arguments that `solve` takes."""
-    scene, dice = draw(seed), np.random.default_rng(seed)
+    scene = draw(seed)
+    dice = np.random.default_rng(seed)
     base = ROOT / "config" / f"{dice.choice(SHIPPED)}.yaml"
     changes = {
         "contact": {"law": scene.law, "allow_tension": scene.allow_tension, **scene.arguments},
@@ -142,7 +143,8 @@ def main(other: Path, first: int, scenes: int) -> None:
             codes = list(
                 pool.map(solved, (ROOT, other), (jobs, jobs), (folder / "ours", folder / "theirs"))
             )
-        messages, different = 0, []
+        messages = 0
+        different = []
         for number, arguments in enumerate(jobs):
             ours, theirs = (
                 messages_of(folder / side / f"{number}.mcap") for side in ("ours", "theirs")

@@ -309,9 +309,11 @@ def search(attempt: Callable[[float], Step]) -> list[Step]:
                 return True
         return False
 
-    low, high = 0.0, FIRST
+    low = 0.0
+    high = FIRST
     while sustains(high):
-        low, high = high, high * FACTOR
+        low = high
+        high = high * FACTOR
         if high >= HIGHEST:
             return steps
     for _ in range(BISECTIONS if low else 0):
@@ -362,7 +364,8 @@ def highest(steps: Sequence[Step], name: str, number: int) -> tuple[float, str]:
 
 def sustained_page(steps: Sequence[Step]) -> Page:
     """Page of the sustained rates, with its data."""
-    numbers, rows = sorted({step.round for step in steps}), []
+    numbers = sorted({step.round for step in steps})
+    rows = []
     bare = [highest(steps, BARE, number)[0] for number in numbers]
     for name in CANDIDATES:
         rates, limits = zip(*(highest(steps, name, number) for number in numbers), strict=True)
@@ -435,7 +438,8 @@ def run_long(
             run = driver.run(rate, min(PERIOD, ticks - done))
             after = usage(node.process.pid)
             node.check()
-            done, lost = done + run.published, lost + run.lost
+            done = done + run.published
+            lost = lost + run.lost
             (_, own), *others = after.resident.items()
             children = ", ".join(f"{number}: {resident / MB:.1f}" for number, resident in others)
             moments.append(
@@ -472,11 +476,9 @@ def same_answers(recording: Path, offline: Path) -> tuple[int, int, int]:
 def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, int]) -> Page:
     """Page of the long run; `compared` is what `same_answers` found."""
     counted = [moment for moment in moments if moment.ticks >= MEMORY_WARM_UP] or moments[-1:]
-    last, first, largest = (
-        moments[-1],
-        counted[0].resident_mb,
-        max(moment.resident_mb for moment in counted),
-    )
+    last = moments[-1]
+    first = counted[0].resident_mb
+    largest = max(moment.resident_mb for moment in counted)
     recorded, computed, different = map(str, compared)
     rows = [
         ["ticks", str(last.ticks)],

@@ -59,7 +59,8 @@ class Ordinary:
 
     def on_force(self, message: Any) -> None:
         """Answer a WrenchStamped with a contact whose fields are all filled, and with a wrench."""
-        force, angle = message.wrench.force, self.angle
+        force = message.wrench.force
+        angle = self.angle
         load = -0.5 * force.y
         contact = KneeContact(
             header=message.header,
@@ -96,7 +97,9 @@ class Bytes:
         self.contact = node.create_publisher(KneeContact, KNEE_CONTACT, OUTPUT_QOS)
         self.wrench = node.create_publisher(WrenchStamped, KNEE_CONTACT_WRENCH, OUTPUT_QOS)
         contact, wrench = prepared()
-        self.header, self.contact_rest, self.wrench_rest = contact[:4], contact[12:], wrench[12:]
+        self.header = contact[:4]
+        self.contact_rest = contact[12:]
+        self.wrench_rest = wrench[12:]
         node.create_subscription(
             JointState, JOINT_STATES, self.on_joint_state, INPUT_QOS, raw=True
         )

@@ -63,7 +63,8 @@ class Sample(NamedTuple):
 
 def samples(rate: float, first: int) -> Iterator[Sample]:
     """Samples at `rate` [Hz] without end, stamped from `first` [ns] on."""
-    stamp, step = first, round(NANOSECONDS / rate)
+    stamp = first
+    step = round(NANOSECONDS / rate)
     for angle, force in cycle(rests(rate)):
         start = _START.pack(b"\x00\x01\x00\x00", *divmod(stamp, NANOSECONDS))
         yield Sample(stamp, start + angle, start + force)
@@ -74,7 +75,8 @@ def samples(rate: float, first: int) -> Iterator[Sample]:
 def rests(rate: float) -> list[tuple[bytes, bytes]]:
     """Both messages without their beginnings, for one way forth and back at `rate` [Hz]."""
     time, angle, load = gait("right")
-    velocity, axial = np.gradient(angle, time), -load / LoadSection().share
+    velocity = np.gradient(angle, time)
+    axial = -load / LoadSection().share
     length = float(time[-1] - time[0])
     passed = np.arange(round(2.0 * length * rate)) / rate
     at = time[0] + np.minimum(passed, 2.0 * length - passed)
@@ -134,7 +136,8 @@ class Taken(NamedTuple):
 def usage(process: int) -> Usage:
     """Look at a process and its children."""
     node = psutil.Process(process)
-    cpu, resident = dict[int, float](), dict[int, int]()
+    cpu = dict[int, float]()
+    resident = dict[int, int]()
     for each in [node, *node.children(recursive=True)]:
         with suppress(psutil.NoSuchProcess):  # it has ended meanwhile
             cpu[each.pid], resident[each.pid] = sum(each.cpu_times()[:2]), each.memory_info().rss
@@ -244,7 +247,8 @@ class Driver:
     def run(self, rate: float, number: int) -> Run:
         """Publish a number of samples at `rate` [Hz] and wait for their answers."""
         coming = self._feed.samples(rate, self._stamp)
-        self._waiting, self._latencies = {}, []
+        self._waiting = {}
+        self._latencies = []
         next(coming)  # so that what is prepared once is
         gc.collect()
         gc.disable()
@@ -260,8 +264,11 @@ class Driver:
         self, coming: Iterator[Sample], period: float, number: int
     ) -> tuple[list[int], float]:
         """Publish on schedule, `period` in [ns]; return how late each was [ns] and how long it took [s]."""
-        clock, spin, waiting = time.perf_counter_ns, self._spin, self._waiting
-        publish_angle, publish_force = self._angle.publish, self._force.publish
+        clock = time.perf_counter_ns
+        spin = self._spin
+        waiting = self._waiting
+        publish_angle = self._angle.publish
+        publish_force = self._force.publish
         slips = []
         begin = clock()
         for index in range(number):
@@ -297,7 +304,8 @@ class Driver:
 
     def _knock(self) -> bool:
         """Publish one sample, and return whether it is answered."""
-        self._waiting, self._latencies = {}, []
+        self._waiting = {}
+        self._latencies = []
         self._publish_all(self._feed.samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
         end = time.monotonic() + 2.0 * CHECK
         while not self._latencies and time.monotonic() < end:

@@ -70,7 +70,8 @@ def main(
     output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, ...], repeat: int
 ) -> None:
     """Measure, write the three files, and print who is the quickest."""
-    chosen, (entries, absent) = find_problems(problem_names), chosen_solvers(solver_names)
+    chosen = find_problems(problem_names)
+    entries, absent = chosen_solvers(solver_names)
     solvers = [entry.solver for entry in entries]
     output.mkdir(parents=True, exist_ok=True)
     measured_on = machine(*(peer.module for peer in measure.PEERS))

@@ -31,7 +31,8 @@ HEAD = LAW + 3
 @njit(inline="always")
 def rates(rate: Any, depth: float, scaled: float, load: float, numbers: Any) -> None:
     """Fill in the rates of change [m/s] of the depth and of the scaled rate, with one layer; d^1.5 is d sqrt(d)."""
-    speed, force = scaled / RATE_UNIT, 0.0
+    speed = scaled / RATE_UNIT
+    force = 0.0
     if depth > 0.0:
         force = max(numbers[0] * depth * np.sqrt(depth) + numbers[1] * speed, 0.0)
     rate[0] = speed
@@ -41,7 +42,9 @@ def rates(rate: Any, depth: float, scaled: float, load: float, numbers: Any) -> 
 @njit(inline="always")
 def rates_in_layers(rate: Any, depth: float, scaled: float, load: float, numbers: Any) -> None:
     """Fill in the rates of change as `rates` does, with two layers."""
-    speed, force, below = scaled / RATE_UNIT, 0.0, depth - numbers[3]
+    speed = scaled / RATE_UNIT
+    force = 0.0
+    below = depth - numbers[3]
     if below > 0.0:
         force = max(numbers[4] + numbers[5] * below * np.sqrt(below) + numbers[6] * speed, 0.0)
     elif depth > 0.0:
@@ -59,7 +62,8 @@ def load_in_tick(time: float, numbers: Any) -> float:
 @njit(inline="always")
 def set_ramp(numbers: Any, load: float, slope: float) -> None:
     """Set the load of a tick: its value [N] at the tick's begin and its slope [N/s]."""
-    numbers[LAW], numbers[LAW + 1] = load, slope
+    numbers[LAW] = load
+    numbers[LAW + 1] = slope
 
 
 @njit(inline="always")
@@ -75,12 +79,12 @@ def series_numbers(stiffness: float, damping: float, mass: float, time: Any, loa
     """Numbers of a knee of one layer for a right-hand side over the whole series."""
     last = len(time) - 1
     numbers = np.zeros(HEAD + 2 * last)
-    numbers[0], numbers[1], numbers[2] = stiffness, damping, 1.0 / mass
-    numbers[LAW], numbers[LAW + 1], numbers[LAW + 2] = (
-        time[0],
-        last / (time[last] - time[0]),
-        last - 1,
-    )
+    numbers[0] = stiffness
+    numbers[1] = damping
+    numbers[2] = 1.0 / mass
+    numbers[LAW] = time[0]
+    numbers[LAW + 1] = last / (time[last] - time[0])
+    numbers[LAW + 2] = last - 1
     for i in range(last):
         numbers[HEAD + 2 * i], numbers[HEAD + 2 * i + 1] = load[i], load[i + 1] - load[i]
     return numbers
@@ -90,7 +94,9 @@ def series_numbers(stiffness: float, damping: float, mass: float, time: Any, loa
 def tick_numbers(stiffness: float, damping: float, mass: float) -> Any:
     """Numbers of a knee of one layer for a right-hand side over one tick; `set_ramp` adds each tick's load."""
     numbers = np.zeros(LAW + 2)
-    numbers[0], numbers[1], numbers[2] = stiffness, damping, 1.0 / mass
+    numbers[0] = stiffness
+    numbers[1] = damping
+    numbers[2] = 1.0 / mass
     return numbers
 
 
@@ -133,7 +139,8 @@ class Motions(NamedTuple):
 def motions(problem: Problem) -> Motions:
     """Choose the right-hand sides of a problem: with one layer they compute no second one."""
     knee = problem.stiffness, problem.first_damping, problem.mass
-    tick, series = tick_numbers(*knee), series_numbers(*knee, problem.time, problem.load)
+    tick = tick_numbers(*knee)
+    series = series_numbers(*knee, problem.time, problem.load)
     if not problem.layered:
         return Motions(in_tick, in_series, tick, series)
     for numbers in (tick, series):
@@ -185,8 +192,10 @@ def in_one_call(
     tool: str, method: str | int, problem: Problem, rtol: float, atol: float, step: float
 ) -> Outcome:
     """Time one call over the series; `atol` and `step` are in [m] and [s]."""
-    module, motion = module_of(tool), motions(problem)
-    solve, function = module.series, module.callback(motion.in_series).address
+    module = module_of(tool)
+    motion = motions(problem)
+    solve = module.series
+    function = module.callback(motion.in_series).address
     state = np.array([start_depth(problem), 0.0])
     numbers = motion.series_numbers
     solve(method, function, state.copy(), problem.time[:3], numbers, rtol, atol, step)  # compiles
@@ -199,7 +208,8 @@ def in_one_call(
 
 def stream(tool: str, method: str | int, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with a call from Python for every sample."""
-    tick, function = ticker(tool, method).tick, tick_address(tool, problem)
+    tick = ticker(tool, method).tick
+    function = tick_address(tool, problem)
     samples = list(zip(np.diff(problem.time).tolist(), problem.load[1:].tolist(), strict=True))
     tick(knee_of(problem, setting.value), function, *samples[0])  # compiles
     knee = knee_of(problem, setting.value)
@@ -212,8 +222,10 @@ def stream(tool: str, method: str | int, problem: Problem, setting: Setting) -> 
 
 def loop(tool: str, method: str | int, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with one call for all samples, each of which is looked at when its tick comes."""
-    all_ticks, function = ticker(tool, method).loop, tick_address(tool, problem)
-    durations, loads = np.diff(problem.time), problem.load[1:].copy()
+    all_ticks = ticker(tool, method).loop
+    function = tick_address(tool, problem)
+    durations = np.diff(problem.time)
+    loads = problem.load[1:].copy()
     depths = np.empty_like(problem.time)
     all_ticks(
         knee_of(problem, setting.value), function, durations[:1], loads[:1], depths[1:2]
@@ -234,7 +246,8 @@ def ticker(tool: str, method: str | int) -> Ticker:
     def tick(knee: Any, function: int, duration: float, load: float) -> float:
         numbers = knee[NUMBERS:]
         set_ramp(numbers, knee[LOAD], (load - knee[LOAD]) / duration)
-        knee[SPAN + 1], knee[LOAD] = duration, load
+        knee[SPAN + 1] = duration
+        knee[LOAD] = load
         moved = advance(
             method, function, knee[:SPAN], knee[SPAN:LOAD], numbers, knee[RTOL], knee[ATOL]
         )

@@ -80,7 +80,8 @@ def advance(
     )
     reached = answer.success
     if reached:
-        state[0], state[1] = answer.y[0, answer.size - 1], answer.y[1, answer.size - 1]
+        state[0] = answer.y[0, answer.size - 1]
+        state[1] = answer.y[1, answer.size - 1]
     answer.free()
     return reached  # type: ignore[no-any-return]
 
@@ -96,7 +97,8 @@ EQUAL_STEPS = ("RK45", "DOP853")
 
 def solvers() -> list[Solver]:
     """One solver per method, and two with equal steps; `nbsolve_ivp`, in Numba itself, is slower than these."""
-    settings, counts = half_decades(3, 13), steps_per_tick(1, 2, 3, 4, 6, 10, 20, 50, 100)
+    settings = half_decades(3, 13)
+    counts = steps_per_tick(1, 2, 3, 4, 6, 10, 20, 50, 100)
     return [
         *(
             Solver(f"CyRK {method}", "CyRK", LAW, settings, *modes("cyrk", method))

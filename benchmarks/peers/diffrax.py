@@ -30,7 +30,8 @@ def rates(state: Any, load: Any, constants: Any) -> Any:
     """Rates of change [m/s] of the depth and of the scaled rate under a load [N]; d^1.5 is d sqrt(d)."""
     depth, scaled = state
     stiffness, damping, inverse_mass, *second = constants
-    rate, inside = scaled / RATE_UNIT, jnp.maximum(depth, 0.0)
+    rate = scaled / RATE_UNIT
+    inside = jnp.maximum(depth, 0.0)
     force = stiffness * inside * jnp.sqrt(inside) + damping * rate
     if second:
         begin, base, stiffness_2, damping_2 = second
@@ -171,8 +172,10 @@ def in_one_call(solve: Any, problem: Problem, setting: Setting) -> Outcome:
 
 def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with a compiled call for every sample."""
-    step, (start, constants, _, tick) = compiled(method).tick, arguments_of(problem)
-    loads, value = problem.load.tolist(), setting.value
+    step = compiled(method).tick
+    start, constants, _, tick = arguments_of(problem)
+    loads = problem.load.tolist()
+    value = setting.value
     state = start, start * 0.0
     step(state, constants, (loads[0], loads[1]), tick, value)  # compiles
     depths = [float(start)]

@@ -280,7 +280,8 @@ def measure(
     exact = {problem.name: exact_depth(problem) for problem in problems}
     workers = {entry.solver.peer: Worker() for entry in entries}
     runs: list[tuple[Row, Task, list[float]]] = []
-    done, total = count(1), len(problems) * len(entries) + (turns - 1) * len(workers)
+    done = count(1)
+    total = len(problems) * len(entries) + (turns - 1) * len(workers)
     try:
         for entry in entries:
             for problem in problems:

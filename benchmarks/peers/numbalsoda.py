@@ -62,7 +62,8 @@ def advance(
 ) -> bool:
     """Move a state on in place from `span[0]` (0) to `span[1]` [s]; return whether the solver could."""
     states, reached = solved(method, function, state, span, numbers, rtol, atol)
-    state[0], state[1] = states[1, 0], states[1, 1]
+    state[0] = states[1, 0]
+    state[1] = states[1, 1]
     return reached  # type: ignore[no-any-return]
 
 

@@ -44,7 +44,8 @@ def solver_name(level: str) -> str:
 
 def whole(level: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with `KneeModel.run`."""
-    model, angle = model_of(problem, level, setting), np.zeros_like(problem.time)
+    model = model_of(problem, level, setting)
+    angle = np.zeros_like(problem.time)
     model.run(problem.time[:2], angle[:2], problem.load[:2])  # compiles
     with stopwatch() as watch:
         series = model.run(problem.time, angle, problem.load)
@@ -72,11 +73,9 @@ def stream(level: str, problem: Problem, setting: Setting) -> Outcome:
 
 def loop(level: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with `Stream.advance_all`, which gives the records that `Stream.advance` gives."""
-    model, stamps, angle = (
-        model_of(problem, level, setting),
-        stamps_of(problem),
-        np.zeros_like(problem.time),
-    )
+    model = model_of(problem, level, setting)
+    stamps = stamps_of(problem)
+    angle = np.zeros_like(problem.time)
     model.stream().advance_all(stamps[:2], angle[:2], problem.load[:2], None)  # compiles
     ticks = model.stream()
     with stopwatch() as watch:

@@ -101,7 +101,8 @@ class Study(NamedTuple):
 
 def write_page(path: Path, study: Study) -> None:
     """Write the page of a study."""
-    problems, rows = [problem.name for problem in study.problems], study.rows
+    problems = [problem.name for problem in study.problems]
+    rows = study.rows
     asked = power_of_ten(ASKED)
     introduction = (
         f"{INTRODUCTION.format(repeat=study.repeat, noise=noise(rows)).strip()}\n\n{SEE}"

@@ -26,7 +26,8 @@ Jacobian = Callable[[float, State], Matrix]
 
 def contact_force(problem: Problem) -> Force:
     """Build the contact law of a problem: 0 N when apart, and 0 N where the formula would pull."""
-    stiffness, damping = problem.stiffness, problem.damping
+    stiffness = problem.stiffness
+    damping = problem.damping
 
     def one_layer(depth: float, rate: float) -> float:
         if depth <= 0.0:
@@ -36,7 +37,9 @@ def contact_force(problem: Problem) -> Force:
 
     if not problem.layered:
         return one_layer
-    begin, base, stiffness_2 = problem.layer_depth, problem.layer_force, problem.stiffness_2
+    begin = problem.layer_depth
+    base = problem.layer_force
+    stiffness_2 = problem.stiffness_2
     damping_1 = problem.first_damping
 
     def two_layers(depth: float, rate: float) -> float:
@@ -53,13 +56,13 @@ def contact_force(problem: Problem) -> Force:
 
 def force_gradient(problem: Problem) -> Gradient:
     """Build the derivatives of the contact law of a problem; they are 0 where the force is 0."""
-    force, begin = contact_force(problem), problem.layer_depth
-    damping_1, damping = problem.first_damping, problem.damping
-    slope_1, slope_2, power = (
-        EXPONENT * problem.stiffness,
-        EXPONENT * problem.stiffness_2,
-        EXPONENT - 1.0,
-    )
+    force = contact_force(problem)
+    begin = problem.layer_depth
+    damping_1 = problem.first_damping
+    damping = problem.damping
+    slope_1 = EXPONENT * problem.stiffness
+    slope_2 = EXPONENT * problem.stiffness_2
+    power = EXPONENT - 1.0
 
     def gradient(depth: float, rate: float) -> tuple[float, float]:
         if force(depth, rate) <= 0.0:
@@ -93,7 +96,8 @@ def absolute_tolerances(tolerance: float) -> list[float]:
 
 def motion(problem: Problem, load: Load) -> Motion:
     """Build the right-hand side of a problem under a load."""
-    force, inverse_mass = contact_force(problem), 1.0 / problem.mass
+    force = contact_force(problem)
+    inverse_mass = 1.0 / problem.mass
 
     def right_hand_side(time: float, state: State) -> tuple[float, float]:
         depth, rate = state
@@ -104,7 +108,8 @@ def motion(problem: Problem, load: Load) -> Motion:
 
 def jacobian(problem: Problem) -> Jacobian:
     """Build the derivative of the right-hand side of a problem by the state."""
-    gradient, inverse_mass = force_gradient(problem), 1.0 / problem.mass
+    gradient = force_gradient(problem)
+    inverse_mass = 1.0 / problem.mass
 
     def derivative(_time: float, state: State) -> Matrix:
         by_depth, by_rate = gradient(state[0], state[1])
@@ -117,11 +122,14 @@ class Ramp:
     """A load that knows the current tick only, for streaming solvers."""
 
     def __init__(self) -> None:
-        self._begin, self._load, self._slope = 0.0, 0.0, 0.0
+        self._begin = 0.0
+        self._load = 0.0
+        self._slope = 0.0
 
     def set(self, tick: Tick) -> None:
         """Set the load to run from a tick's first load to its last."""
-        self._begin, self._load = tick.begin, tick.start_load
+        self._begin = tick.begin
+        self._load = tick.start_load
         self._slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
 
     def __call__(self, time: float) -> float:
@@ -142,7 +150,8 @@ class Tick(NamedTuple):
 
 def ticks(problem: Problem) -> list[Tick]:
     """Ticks of a problem, length n - 1."""
-    times, loads = problem.time.tolist(), problem.load.tolist()
+    times = problem.time.tolist()
+    loads = problem.load.tolist()
     return [Tick(*row) for row in zip(times, times[1:], loads, loads[1:], strict=False)]
 
 
@@ -170,11 +179,9 @@ def whole(method: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem by `solve_ivp` with output at every tick."""
     from scipy.integrate import solve_ivp
 
-    function, state, time = (
-        motion(problem, load_at(problem)),
-        [start_depth(problem), 0.0],
-        problem.time,
-    )
+    function = motion(problem, load_at(problem))
+    state = [start_depth(problem), 0.0]
+    time = problem.time
     options = options_of(problem, method, setting.value)
     with stopwatch() as watch:
         answer = solve_ivp(
@@ -190,17 +197,13 @@ def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
     from scipy import integrate
 
     make: Callable[..., Any] = getattr(integrate, method)
-    ramp, state, depths, evaluations = (
-        Ramp(),
-        np.array([start_depth(problem), 0.0]),
-        [start_depth(problem)],
-        0,
-    )
-    function, options, step = (
-        motion(problem, ramp),
-        options_of(problem, method, setting.value),
-        None,
-    )
+    ramp = Ramp()
+    state = np.array([start_depth(problem), 0.0])
+    depths = [start_depth(problem)]
+    evaluations = 0
+    function = motion(problem, ramp)
+    options = options_of(problem, method, setting.value)
+    step = None
     samples = ticks(problem)
     with stopwatch() as watch:
         for tick in samples:
@@ -209,7 +212,8 @@ def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
             solver = make(function, tick.begin, state, tick.end, first_step=first, **options)
             while solver.status == "running":
                 solver.step()
-            state, step = solver.y, solver.step_size or None
+            state = solver.y
+            step = solver.step_size or None
             evaluations += solver.nfev
             depths.append(float(state[0]))
     return Outcome(np.array(depths), watch.seconds, evaluations)

@@ -351,11 +351,13 @@ def play(
             for number, (message, _) in enumerate(Player(spin, rate=rate).play(messages), start=1):
                 listener.publish(message, replayer)
                 advance(number, len(messages))
-        missing, since = listener.missing, time.monotonic()
+        missing = listener.missing
+        since = time.monotonic()
         while missing and time.monotonic() - since < _LAST_ANSWERS:
             spin(0.1)
             if listener.missing != missing:
-                missing, since = listener.missing, time.monotonic()
+                missing = listener.missing
+                since = time.monotonic()
         check()
     finally:
         executor.shutdown()

@@ -25,11 +25,12 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import missing_middleware
 from knee_contact_ros.system.terminal import warn
 
-ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
+_ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
 """Environment variables by which the setup file of a ROS puts itself on the path"""
-LARGEST_DOMAIN = 232
+_MAX_DOMAIN = 232
 """Largest ROS domain; the ports of further ones do not exist"""
-CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
+_CLOCK = "--clock"
+_NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
 
 @click.command()
@@ -95,7 +96,7 @@ def check_ros() -> None:
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
-        given = [name for name in ROS_PATHS if os.environ.get(name)]
+        given = [name for name in _ROS_PATHS if os.environ.get(name)]
         if not given:
             raise
         raise UsageError(
@@ -110,21 +111,16 @@ def check_environment() -> None:
     Raises:
         UsageError: there is no such domain, or no keystore where security is enforced.
     """
-    domain, keystore = (
-        os.environ.get("ROS_DOMAIN_ID", ""),
-        os.environ.get("ROS_SECURITY_KEYSTORE", ""),
-    )
-    if domain.isdecimal() and int(domain) > LARGEST_DOMAIN:
+    domain = os.environ.get("ROS_DOMAIN_ID", "")
+    keystore = os.environ.get("ROS_SECURITY_KEYSTORE", "")
+    if domain.isdecimal() and int(domain) > _MAX_DOMAIN:
         raise UsageError(
-            f"ROS_DOMAIN_ID: {domain} is not allowed; it must be from 0 to {LARGEST_DOMAIN}"
+            f"ROS_DOMAIN_ID: {domain} is not allowed; it must be from 0 to {_MAX_DOMAIN}"
         )
     if os.environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
         if os.environ.get("ROS_SECURITY_ENABLE") != "true":
-            warn(
-                [
-                    "nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS_SECURITY_ENABLE=true, too"
-                ]
-            )
+            needed = "ROS_SECURITY_STRATEGY=Enforce needs ROS_SECURITY_ENABLE=true, too"
+            warn([f"nothing is encrypted: {needed}"])
         elif not keystore or not Path(keystore).is_dir():
             raise UsageError(
                 f"ROS_SECURITY_KEYSTORE: {keystore!r} is no folder, and security is enforced"
@@ -151,7 +147,7 @@ def run_kinds(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
         sys.exit(code)
 
 
-PASSED_ON = {
+_TO_ROS = {
     "ignore_unknown_options": True,
     "allow_extra_args": True,
     "help_option_names": list[str](),
@@ -160,7 +156,7 @@ PASSED_ON = {
 
 @click.command(
     cls=RosCommand,
-    context_settings=PASSED_ON,
+    context_settings=_TO_ROS,
     add_help_option=False,
     options_metavar="[--ros-args ...]",
 )
@@ -177,7 +173,7 @@ def node(ros_arguments: tuple[str, ...]) -> None:
 
 @click.command(
     cls=RosCommand,
-    context_settings=PASSED_ON,
+    context_settings=_TO_ROS,
     add_help_option=False,
     options_metavar="[--with-contact] [--ros-args ...]",
 )
@@ -204,8 +200,8 @@ class OptionalClockRate(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Set a `--clock` without a number to 0: with every message."""
         for i, argument in enumerate(args):
-            if argument == CLOCK and not NUMBER.fullmatch("".join(args[i + 1 : i + 2])):
-                args = [*args[:i], f"{CLOCK}=0", *args[i + 1 :]]
+            if argument == _CLOCK and not _NUMBER.fullmatch("".join(args[i + 1 : i + 2])):
+                args = [*args[:i], f"{_CLOCK}=0", *args[i + 1 :]]
         return super().parse_args(ctx, args)
 
 
@@ -214,7 +210,7 @@ class OptionalClockRate(click.Command):
 @number_option("--rate", 0.01, 100.0, 1.0, "Seconds of the bag per second.")
 @click.option("--loop", is_flag=True, help="Start over at the end.")
 @number_option(
-    CLOCK,
+    _CLOCK,
     0.0,
     10_000.0,
     None,

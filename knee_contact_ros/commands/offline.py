@@ -30,7 +30,7 @@ from knee_contact_ros.system.output_files import check_not_input, write_complete
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import say, warn
 
-LONGEST_NAME = 80
+_MAX_NAME_LENGTH = 80
 """Most letters in the name of several bags together"""
 
 
@@ -55,21 +55,21 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     files = [file for bag in bags for file in files_of(bag)]
     links = [f"{file.stem}.{number}{file.suffix}" for number, file in enumerate(files)]
     with TemporaryDirectory(prefix="knee_contact_bags_") as work:
-        folder = Path(work, "+".join(bag.name for bag in bags)[:LONGEST_NAME])
+        folder = Path(work, "+".join(bag.name for bag in bags)[:_MAX_NAME_LENGTH])
         folder.mkdir()
         for link, file in zip(links, files, strict=True):
             (folder / link).symlink_to(file.resolve())
         content = {"relative_file_paths": links, "topics_with_message_count": []}
-        (folder / METADATA).write_text(
-            json.dumps({"rosbag2_bagfile_information": content})
-        )  # JSON is YAML
+        # JSON is YAML.
+        text = json.dumps({"rosbag2_bagfile_information": content})
+        (folder / METADATA).write_text(text)
         try:
             yield folder
         except CommandError as error:
-            told = str(error)
+            text = str(error)
             for link, file in zip(links, files, strict=True):
-                told = told.replace(str(folder / link), link).replace(link, str(file))
-            raise type(error)(told.replace(str(folder), " and ".join(map(str, bags)))) from None
+                text = text.replace(str(folder / link), link).replace(link, str(file))
+            raise type(error)(text.replace(str(folder), " and ".join(map(str, bags)))) from None
 
 
 @click.command()

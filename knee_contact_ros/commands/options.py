@@ -23,7 +23,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def input_path(text: str) -> Path:
-    """Path of an input file or folder; it need not exist, as the command says what it should be.
+    """Return the path of an input file or folder; it need not exist, as the command says what it should be.
 
     Raises:
         UsageError: it is a pipe or a device, which might never end, or a link to itself.

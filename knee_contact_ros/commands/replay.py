@@ -102,7 +102,8 @@ class Replayer:
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
         """Wait until each topic has a subscriber and no new one comes; return False if that takes over `seconds`."""
         now = time.monotonic()
-        deadline, settled = now + seconds, now + _SETTLING_TIME
+        deadline = now + seconds
+        settled = now + _SETTLING_TIME
         counts = self._subscribers()
         while now < (settled if all(counts) else deadline) and now < deadline:
             spin(0.02)
@@ -133,7 +134,7 @@ class Replayer:
 
 
 def has_inputs(bag: Path, namespace: str, inputs: Sequence[str]) -> bool:
-    """Whether a bag has one of the inputs in a namespace."""
+    """Return whether a bag has one of the inputs in a namespace."""
     with Bag(bag) as opened:
         topics = opened.topics
     return bool(namespace) and any(absolute(topic, namespace) in topics for topic in inputs)

@@ -51,10 +51,10 @@ from knee_contact_ros.view.output import (
 )
 from knee_contact_ros.view.scene import PictureChoice, Scene
 
-SERVED = ("rerun+", "http://")
+_SERVED = ("rerun+", "http://")
 """Beginnings of the address of a scene that a node or `--serve` serves"""
-ALTERNATIVES = "use --save OUT.rrd or --serve"
-LONGEST_NAME = 80
+_ALTERNATIVES = "use --save OUT.rrd or --serve"
+_MAX_NAME_LENGTH = 80
 """Most characters of a knee's name"""
 
 
@@ -97,12 +97,12 @@ def run_view(
     """
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
     parameters = load_parameters([*given.files(), given.values()])
-    addresses = [source for source in sources if source.startswith(SERVED)]
+    addresses = [source for source in sources if source.startswith(_SERVED)]
     if addresses and (len(addresses) < len(sources) or save or serve):
         raise UsageError(
             f"{addresses[0]}: a served scene can only be viewed, and not together with files"
         )
-    _refuse_in_vain(save, overwrite, (port, port + 1) if serve else ())
+    _check_before_work(save, overwrite, (port, port + 1) if serve else ())
     if addresses:
         run_viewer(connect_command(addresses))
         return
@@ -132,8 +132,8 @@ def run_view(
         raise IncompleteError("; ".join(filter(None, missing)))
 
 
-def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) -> None:
-    """Refuse options before any work that would be in vain.
+def _check_before_work(save: Path | None, overwrite: bool, ports: Sequence[int]) -> None:
+    """Check options before any work.
 
     Raises:
         UsageError: the file to write exists, one of the `ports` that will be served is taken, or there is no screen.
@@ -145,7 +145,7 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
     for port in ports:
         check_port_free(port, "--port")
     if not save and not ports:
-        require_display(ALTERNATIVES)
+        require_display(_ALTERNATIVES)
 
 
 def recorded_knees(
@@ -172,7 +172,9 @@ def recorded_knees(
             if is_lateral(topic) or f"{topic}/{LATERAL}" in topics:
                 name = compartment_name(name, LATERAL if is_lateral(topic) else MEDIAL)
             names.append(
-                "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
+                "".join(letter if letter.isprintable() else "_" for letter in name)[
+                    :_MAX_NAME_LENGTH
+                ]
             )
     distinct = iter(_distinct(names))
     for path, topics in answered.items():
@@ -215,7 +217,8 @@ def _with_answers(
     Also return sentences on what is missing in these bags, and warn of what is implausible.
     """
     names = _distinct([path.name.split(".")[0] for path in (bag.path.resolve() for bag in bags)])
-    recordings, missing = {}, list[str]()
+    recordings = {}
+    missing = list[str]()
     for bag, name in zip(bags, names, strict=True):
         answered = bag
         if not answer_topics(bag):
@@ -240,11 +243,11 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, answers in _answers_of(knee, advance):
                     for change in changes:
-                        told = {
+                        values = {
                             name: json.dumps(value)
                             for name, value in (change.values or {}).items()
                         }
-                        scene.note(RESET if change.values is None else PARAMETERS_CHANGED, told)
+                        scene.note(RESET if change.values is None else PARAMETERS_CHANGED, values)
                     scene.show(answers)
             scene.finish()
         file.close()
@@ -260,17 +263,17 @@ def _answers_of(
 
     Answers that are drawn get femoral x and normal, which messages do not hold.
     """
-    pictures, done = PictureChoice(), 0
+    pictures = PictureChoice()
+    done = 0
     for block in answer_blocks(knee.recording, knee.topic, advance):
         for i in pictures.choose(block["stamp"]).tolist():
-            angle, height = float(block["flexion_angle"][i]), float(block["femoral_height"][i])
+            angle = float(block["flexion_angle"][i])
+            height = float(block["femoral_height"][i])
             x, _ = knee.model.pair.mechanism.translation(angle)
             closest = knee.model.closest(angle, height)
-            block["femoral_x"][i], block["normal_x"][i], block["normal_y"][i] = (
-                x,
-                closest.normal_x,
-                closest.normal_y,
-            )
+            block["femoral_x"][i] = x
+            block["normal_x"][i] = closest.normal_x
+            block["normal_y"][i] = closest.normal_y
         places = [change.tick - done for change in knee.changes]
         for begin, end in pairwise(
             sorted({0, len(block), *(place for place in places if 0 < place < len(block))})
@@ -287,7 +290,8 @@ def _present(path: Path, port: int | None) -> None:
     if port is None:
         run_viewer(viewer_command(str(path)))
         return
-    scene, web = server_address(port), port + 1
+    scene = server_address(port)
+    web = port + 1
     command = viewer_command("--serve-web", "--web-viewer-port", str(web), str(path), port=port)
     with suppress(KeyboardInterrupt):
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")

@@ -25,7 +25,7 @@ from knee_contact_ros.lab.sweep import Cohort, sweep
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import ParameterSource, first_error
-from knee_contact_ros.results import no_such
+from knee_contact_ros.results import missing_attribute
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 
@@ -315,7 +315,7 @@ class Sensitivity:
         return "<Sensitivity: " + "\n  ".join(lines[:19]) + ">"
 
     def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
+        raise missing_attribute(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units.

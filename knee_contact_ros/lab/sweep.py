@@ -21,7 +21,7 @@ from knee_contact_ros.parameters.files import (
     dotted,
     load_parameters,
 )
-from knee_contact_ros.results import Records, no_such
+from knee_contact_ros.results import Records, missing_attribute
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user
 
@@ -65,7 +65,7 @@ class Cohort:
         return f"<Cohort: {len(self.failed)} cases, {np.count_nonzero(self.failed)} failed; varied: {varied}>"
 
     def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
+        raise missing_attribute(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.

@@ -30,7 +30,7 @@ from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inpu
 from knee_contact_ros.parameters.curves import curve_files
 from knee_contact_ros.parameters.files import ParameterSource, all_values, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
-from knee_contact_ros.results import no_such
+from knee_contact_ros.results import missing_attribute
 from knee_contact_ros.system.errors import UsageError, suggest
 from knee_contact_ros.system.files import expand_user, read_mapping
 from knee_contact_ros.system.progress import OnProgress, no_progress, progress
@@ -347,7 +347,7 @@ class Uncertainty:
         return f"<Uncertainty: medial {self.medial!r}{lateral}>"
 
     def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
+        raise missing_attribute(self, name)
 
 
 def uncertainty(

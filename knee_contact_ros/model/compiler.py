@@ -40,9 +40,9 @@ HOST_SIZES = re.compile(
 """Pieces of LLVM's language that hold a size or an offset in bytes, which must be left to the target"""
 HOST_NAMES = re.compile(r"inttoptr|declare .*@(?!llvm\.|sqrt\()\S+")
 """Pieces of optimised code that need this process: an address, Python, or Numba's run-time"""
-FUNCTIONS: list[Callable[..., Any]] = []
+MARKED: list[Callable[..., Any]] = []
 """All marked functions, of which a tick consists"""
-INLINED: list[Callable[..., Any]] = []
+MARKED_INLINE: list[Callable[..., Any]] = []
 """Those of them that become a part of their callers: what nearly every tick calls, from few places"""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -97,13 +97,13 @@ def host() -> Target:
 
 def in_kernel(function: _Function) -> _Function:
     """Mark a function that a tick calls."""
-    FUNCTIONS.append(function)
+    MARKED.append(function)
     return function
 
 
 def inlined(function: _Function) -> _Function:
     """Mark a function that nearly every tick calls, from few places; passing its arguments would take longer."""
-    INLINED.append(function)
+    MARKED_INLINE.append(function)
     return in_kernel(function)
 
 
@@ -204,10 +204,10 @@ def numba_functions(entry: Callable[..., Any], **options: Any) -> Any:
     reached, made, spaces = [entry], dict[Any, Any](), dict[int, dict[str, Any]]()
     for function in reached:  # it grows meanwhile
         named = [function.__globals__.get(name) for name in function.__code__.co_names]
-        reached += [one for one in named if one in FUNCTIONS and one not in reached]
+        reached += [one for one in named if one in MARKED and one not in reached]
         space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
         copied = FunctionType(function.__code__, space, function.__name__)
-        made[function] = njit(**OPTIONS | options, forceinline=function in INLINED)(copied)
+        made[function] = njit(**OPTIONS | options, forceinline=function in MARKED_INLINE)(copied)
     for space in spaces.values():
         for name, one in space.items():
             if isinstance(one, FunctionType) and one in made:

@@ -118,7 +118,8 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
     stretch_end, next_stretch, used, probed, events, given_up = 0.0, 0.0, 0, 0, 0, False
     while motion.time < tick.duration and not given_up:
         if motion.time >= stretch_end:
-            motion = over_kink(mode, motion, next_stretch)
+            if next_stretch > motion.time:
+                motion = over_kink(mode, motion, next_stretch)
             stretch_end, next_stretch = tick.duration, tick.duration
             if len(knee.surfaces.kinks) > 0:
                 stretch_end, next_stretch = smooth_stretch(knee, tick, motion.time)
@@ -143,19 +144,19 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
         end = begin.time + h
         if h == stretch_end - begin.time:
             end = stretch_end  # exactly, whatever the rounding of the sum
-        motion = Motion(end, begin.height, begin.velocity, begin.stage)
+        _, height, velocity, stage = begin
         if h > 0.0:
-            stage = step.end
+            height, velocity, stage = step.height, step.velocity, step.end
             if step.implicit:
                 # `solve_stage` leaves a force that follows the last correction along the tangent.
-                stage = stage_at(mode, begin.time + h, step.height, step.velocity)
+                stage = stage_at(mode, begin.time + h, height, velocity)
                 used += 1
-            motion = Motion(end, step.height, step.velocity, stage)
             error = error_after_step(mode, begin, step, h, error, factor)
             if knee.remembers_impact and mode.pressing:
                 error, touch = with_impact_doubt(mode, begin, step, stage, h, error, touch)
                 if touch.error > 0.0:
                     used += 4
+        motion = Motion(end, height, velocity, stage)
         if boundary != NO_BOUNDARY:
             mode, motion, error, touch = cross(mode, motion, boundary, error, touch)
             if mode.layer > APART and boundary != FORCE_ZERO:
@@ -172,8 +173,6 @@ def over_kink(mode: Mode, motion: Motion, s: float) -> Motion:
     The way across is 4e-12 rad long, so the acceleration before it serves for all of it.
     """
     height, velocity = motion.height, motion.velocity
-    if s <= motion.time:
-        return motion
     gap, knee = s - motion.time, mode.knee
     pull = -load_at(mode.tick, motion.time) * knee.per_mass
     if mode.pressing:
@@ -195,18 +194,20 @@ def begin_stretch(
     if math.isnan(touch.speed) and ahead >= 0.0:
         touch = Touch(stage.rate, velocity_bound(error), touch.latest, touch.landing_rate)
     impact_speed = 0.0 if math.isnan(touch.speed) else touch.speed
-    mode = Mode(knee, mode.tick, layer_at(knee.law, ahead), False, impact_speed)
-    if mode.layer > APART:
+    layer = layer_at(knee.law, ahead)
+    mode = Mode(knee, mode.tick, layer, layer > APART, impact_speed)
+    if layer > APART:
         mode, motion = entered(mode, motion)
     return mode, motion, touch
 
 
-@in_kernel
+@inlined
 def entered(mode: Mode, motion: Motion) -> tuple[Mode, Motion]:
-    """Return a mode and the motion in it, where the mode's layer is known: it presses unless its formula pulls."""
-    motion = restaged(mode, motion)
-    pressing = mode.knee.allow_tension or motion.stage.force >= -mode.tick.rounding
-    return Mode(mode.knee, mode.tick, mode.layer, pressing, mode.impact_speed), motion
+    """Return a pressing mode and the motion in it; where the layer's formula pulls, it is released."""
+    knee, tick, motion = mode.knee, mode.tick, restaged(mode, motion)
+    if not (knee.allow_tension or motion.stage.force >= -tick.rounding):
+        mode = Mode(knee, tick, mode.layer, False, mode.impact_speed)
+    return mode, motion
 
 
 @in_kernel
@@ -357,7 +358,7 @@ def cross(
     knee, tick, stage = mode.knee, mode.tick, motion.stage
     exerted = stage.force if mode.pressing else 0.0
     off = distance_inside(mode, boundary, stage)
-    impact_speed, pressing, layer = mode.impact_speed, False, mode.layer
+    impact_speed, layer = mode.impact_speed, mode.layer
     if layer == APART:
         delay = touch_delay(tick, error, motion.time, stage.rate, knee.mass)
         # A femur that comes later has been sped up or slowed down by the load meanwhile.
@@ -365,14 +366,12 @@ def cross(
         touch = Touch(stage.rate, doubt, motion.time + delay, stage.rate)
         impact_speed = stage.rate
     if boundary == FORCE_ZERO:
-        pressing, off = not mode.pressing, 0.0
+        mode, off = Mode(knee, tick, layer, not mode.pressing, impact_speed), 0.0
+        motion = restaged(mode, motion)
     else:
         layer += 1 if boundary == LAYER_END else -1
-    mode = Mode(knee, tick, layer, pressing, impact_speed)
-    if layer > APART and boundary != FORCE_ZERO:
+        mode = Mode(knee, tick, layer, layer > APART, impact_speed)
         mode, motion = entered(mode, motion)
-    else:
-        motion = restaged(mode, motion)
     if layer == APART:
         touch = Touch(math.nan, touch.error, touch.latest, touch.landing_rate)
     jump = (motion.stage.force if mode.pressing else 0.0) - exerted

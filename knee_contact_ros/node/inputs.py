@@ -18,14 +18,14 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.diagnostics import (
+from knee_contact_ros.node.problems import (
     ERROR,
     LOG_PERIOD,
     STALE,
     WARN,
     Problem,
     at_most_every,
-    first_of,
+    first_problem,
 )
 from knee_contact_ros.parameters.sources import TopicSource
 from knee_contact_ros.streams.conversion import ANY, Convert
@@ -104,7 +104,7 @@ class InputMeter:
             float
         ] = []  # [s] from their stamps to their arrivals, by the system's clock
 
-    def count(self, stamp: int | None) -> None:
+    def count_message(self, stamp: int | None) -> None:
         """Count a message that has come now, with its stamp [ns] if it has one."""
         now = time.monotonic()
         self._pauses.append(now - self.last)
@@ -124,7 +124,7 @@ class InputMeter:
             values["message age max [ms]"] = f"{1e3 * max(self._ages):.3f}"
         known = self.received > number  # the first messages came at some time of a second
         self._reported, self._pauses, self._ages = now, [], []
-        return values, first_of(
+        return values, first_problem(
             (not self.received, STALE, "nothing received yet"),
             (age > self.timeout, STALE, f"timeout: silent for {age:.1f} s"),
             (age > self.max_gap, WARN, f"silent for {age:.1f} s"),
@@ -288,7 +288,7 @@ class Input:
             self._subscribe(name)
 
     def _on_message(self, data: bytes) -> None:
-        self.meter.count(self._on_data(data))
+        self.meter.count_message(self._on_data(data))
 
     def _on_other_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)

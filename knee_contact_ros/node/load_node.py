@@ -78,29 +78,25 @@ class LoadSession(Session):
             UsageError: an output file cannot be written.
         """
         pipeline = LoadPipeline(parameters)
-        super().__init__(node, parameters, pipeline)
-        self.health = Health(self, Level, "level")
+        health = Health(node, parameters, pipeline, Level, "level")
+        super().__init__(node, parameters, pipeline, health)
         self.inputs = self._input_streams(qos_given)
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
-        self._offer(
+        self._advertise(
             {
                 JOINT_REACTION_FORCE: (WrenchStamped, OUTPUT_DEPTH),
                 LOAD_ESTIMATE: (LoadEstimate, OUTPUT_DEPTH),
             }
         )
-        self._reaction, self._estimate = (
-            self._publishers[JOINT_REACTION_FORCE],
-            self._publishers[LOAD_ESTIMATE],
-        )
         self._takers = takers or HandedInputs(HandOver(), HandOver())
         self._takers.angles.source = parameters.inputs()[0]
-        self._open()
-        trust = (
-            "calibrated" if parameters.calibrated else "not calibrated: do not gate anything by it"
-        )
+        self._open_outputs()
+        trust = "not calibrated: do not gate anything by it"
+        if parameters.calibrated:
+            trust = "calibrated"
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
 
-    def _described(self, parameters: LoadParameters) -> RecordedKnee:
+    def _recorded_knee(self, parameters: LoadParameters) -> RecordedKnee:
         provenance = provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
         return RecordedKnee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
@@ -119,13 +115,15 @@ class LoadSession(Session):
 
     def _publish_estimate(self, answer: LoadAnswer, begin: float) -> None:
         """Publish, record and count an answer whose computation began at a time [s]."""
-        self._reaction.publish(answer.reaction)
+        self._publishers[JOINT_REACTION_FORCE].publish(answer.reaction)
         end = time.perf_counter()
-        self._estimate.publish(answer.message)
+        self._publishers[LOAD_ESTIMATE].publish(answer.message)
         self.outputs.put(TickOutput.of(b"", answer.records()))
         latency = end - answer.pair.load.arrived
-        estimate = answer.estimate
-        self.count(int(estimate.level), estimate.status, end - begin, latency)
+        level = int(answer.estimate.level)
+        status = answer.estimate.status
+        deadline = self.parameters.deadline
+        self.health.counts.count_answer(level, status, end - begin, latency, deadline)
 
 
 LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)

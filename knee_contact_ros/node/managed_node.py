@@ -20,8 +20,8 @@ from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.node.diagnostics import at_most_every
 from knee_contact_ros.node.parameters import PREFIX, NodeKind, NodeParameters, given_by_user
+from knee_contact_ros.node.problems import at_most_every
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file, check_used
 from knee_contact_ros.streams.topics import INPUTS
@@ -62,7 +62,7 @@ class ManagedNode(LifecycleNode):
         """Whether the outputs of all sessions so far could be completed"""
         self._stop = stop
         for service in self.services:
-            service.callback = self._answering(service.callback, service.srv_name)
+            service.callback = self._service_callback(service.callback, service.srv_name)
 
     def declare_parameter(self, name: str, *details: Any, **named: Any) -> Any:
         """Declare a parameter; a QoS override of the user that a topic asks for is checked, as rclpy names none.
@@ -87,7 +87,7 @@ class ManagedNode(LifecycleNode):
                 )
         return super().declare_parameter(name, *details, **named)
 
-    def _answering(self, callback: ServiceCallback, name: str) -> ServiceCallback:
+    def _service_callback(self, callback: ServiceCallback, name: str) -> ServiceCallback:
         """Callback of a service that reports a failing request in the log instead of raising."""
 
         def answered(request: Any, response: Any) -> Any:
@@ -110,9 +110,7 @@ class ManagedNode(LifecycleNode):
             self.session = self.kind.session(
                 self, self.node_parameters.read(), given_by_user(self)
             )
-            with self._stop.interrupting():
-                self.session.outputs.wait_until_known()
-            self.session.make_ready(self._stop.interrupting)
+            self.session.prepare(self._stop.interrupting)
             self.node_parameters.user = self.session
         except BaseException:
             self.finish()

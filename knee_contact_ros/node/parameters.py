@@ -107,7 +107,7 @@ class NodeParameters:
                 self._before | {each.name: each.value for each in changes}, self._kind.schema
             )
             if self.user and new:
-                self.user.check(parameters)
+                self.user.pipeline.check_retune(parameters)
         except Exception as error:  # whatever a part of the model has against it
             return SetParametersResult(
                 successful=False, reason=" ".join(str(error).split()) or type(error).__name__

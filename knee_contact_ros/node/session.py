@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import gc
-import math
 import time
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -25,7 +23,7 @@ from knee_contact_ros.bags.provenance import (
     TICKS_BEFORE,
     change_record,
 )
-from knee_contact_ros.node.diagnostics import LOG_PERIOD, STEADY, Health, at_most_every
+from knee_contact_ros.node.diagnostics import Health
 from knee_contact_ros.node.inputs import (
     HandedInputs,
     Input,
@@ -36,6 +34,7 @@ from knee_contact_ros.node.inputs import (
     message_class,
 )
 from knee_contact_ros.node.outputs import Outputs
+from knee_contact_ros.node.problems import LOG_PERIOD, STEADY, at_most_every
 from knee_contact_ros.parameters.sources import WRENCH_STAMPED, source_of
 from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
@@ -47,8 +46,14 @@ from knee_contact_ros.system.output_files import check_writable, expand_stamp, f
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
-DIAGNOSTICS, DIAGNOSTICS_PERIOD = "/diagnostics", 1.0
-"""Topic of the diagnostics, and the period [s] of its messages"""
+DIAGNOSTICS = "/diagnostics"
+DIAGNOSTICS_PERIOD = 1.0
+"""Time [s] between two messages of the diagnostics"""
+ANGLE_CHECK_PERIOD = 0.83
+"""Time [s] between two checks for publishers of angles that disagree; unlike the other periods of about a second, as
+checks that are done together would delay the next samples"""
+FORCE_CHECK_PERIOD = 0.91
+"""Likewise for publishers of forces"""
 
 
 class Session(ABC):
@@ -57,23 +62,21 @@ class Session(ABC):
     streaming: ClassVar[set[Session]] = set()
     """Started sessions of this process; the garbage collector is off as long as there is one"""
 
-    health: Health
-    """What it reports"""
+    def __init__(
+        self, node: LifecycleNode, parameters: Any, pipeline: Pipeline[Any], health: Health
+    ) -> None:
+        """Make a session without inputs and outputs.
 
-    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Pipeline[Any]) -> None:
-        """Make a session without inputs and outputs; `parameters` are those of the kind of node."""
-        self.node, self.parameters, self.pipeline = node, parameters, pipeline
-        self.counts: Counter[tuple[int, int]] = Counter()
-        """Numbers of answers by level and status"""
-        self.status = self.missed = 0
-        """Status of the newest answer; number of answers that came later than the deadline"""
-        self.answered = -math.inf
-        """Monotonic time [s] of the newest answer"""
-        self.durations: list[float] = []
-        """Computing times [s] of the answers since the last report"""
-        self.largest_lag = 0.0
-        """Largest delay [s] of a timer since the last report"""
-        self._lag, self._timer_came = 0.0, math.inf
+        Args:
+            node: The node.
+            parameters: Parameters of the kind of node.
+            pipeline: Computes the answers.
+            health: Reports on them.
+        """
+        self.node = node
+        self.parameters = parameters
+        self.pipeline = pipeline
+        self.health = health
         self.inputs: Inputs
         self.outputs: Outputs
         self._transforms: StaticTransformTopic
@@ -81,17 +84,26 @@ class Session(ABC):
         """Publishers by their topics"""
         self._services: list[Any] = []
         self._timers: list[Any] = []
+        self._regular_acts: list[tuple[float, Callable[[], object]]] = [
+            (self._wait_period, self._on_wait_timer),
+            (DIAGNOSTICS_PERIOD, self._publish_diagnostics),
+            (ANGLE_CHECK_PERIOD, pipeline.angle_conflict.check_samples),
+            (FORCE_CHECK_PERIOD, pipeline.force_conflict.check_samples),
+        ]
+        """Functions that are called regularly while the session is started, each with its period [s]"""
 
     @abstractmethod
     def _publish(self, answer: Any, begin: float) -> None:
         """Publish an answer whose computation began at a time [s], and then record and count it."""
 
     @abstractmethod
-    def _described(self, parameters: Any) -> RecordedKnee:
+    def _recorded_knee(self, parameters: Any) -> RecordedKnee:
         """Description for outputs that begin now, with these parameters."""
 
-    def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
-        """Prepare slow parts, such as the compiled model; signals may interrupt this within `interrupting`."""
+    def prepare(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:
+        """Wait until the outputs are open; signals may interrupt this within `interrupting`."""
+        with interrupting():
+            self.outputs.wait_until_known()
 
     def _input_streams(
         self, qos_given: Collection[str], handed: HandedInputs | None = None
@@ -101,11 +113,9 @@ class Session(ABC):
         Raises:
             UsageError: a type that the parameters name is not installed, or lacks a field.
         """
-        limits, max_gap, by = (
-            self.parameters.diagnostics,
-            self.parameters.pairing.max_gap,
-            self.parameters.force_source,
-        )
+        limits = self.parameters.diagnostics
+        max_gap = self.parameters.pairing.max_gap
+        by = self.parameters.force_source
         angles, forces = self.parameters.inputs()
         angle_meter = InputMeter(
             limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout
@@ -129,7 +139,7 @@ class Session(ABC):
             return angle_input, Input(*second, handed=handed.forces)
         return angle_input, Input(*second, message_class(forces, by), qos_given, convert_force)
 
-    def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:
+    def _advertise(self, topics: Mapping[str, tuple[Any, int]]) -> None:
         """Advertise topics, each with its type and depth, and the diagnostics.
 
         Raises:
@@ -137,31 +147,30 @@ class Session(ABC):
         """
         by_user = QoSOverridingOptions.with_default_policies()
         try:
-            self._publishers = {  # each with a profile of its own: overrides change it
-                topic: self.node.create_lifecycle_publisher(
-                    message_type, topic, QoSProfile(depth=depth), qos_overriding_options=by_user
+            for topic, (kind, depth) in {
+                **topics,
+                DIAGNOSTICS: (DiagnosticArray, OUTPUT_DEPTH),
+            }.items():
+                profile = QoSProfile(depth=depth)  # one for each topic: overrides change it
+                self._publishers[topic] = self.node.create_lifecycle_publisher(
+                    kind, topic, profile, qos_overriding_options=by_user
                 )
-                for topic, (message_type, depth) in {
-                    **topics,
-                    DIAGNOSTICS: (DiagnosticArray, OUTPUT_DEPTH),
-                }.items()
-            }
         except Exception as error:  # rclpy has many ways to say so
-            raise UsageError(
-                f"a topic cannot be offered: {' '.join(str(error).split())}"
-            ) from None
+            reason = " ".join(str(error).split())
+            raise UsageError(f"a topic cannot be offered: {reason}") from None
 
-    def _open(self) -> None:
+    def _open_outputs(self) -> None:
         """Open the transforms, the services and the outputs; files come last, when everything else works."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
+        services = {
+            "reset": self._reset,
+            "start_recording": self._start_recording,
+            "stop_recording": self._stop_recording,
+            "save_snapshot": self._save_snapshot,
+        }
         try:
-            for act in (
-                self._reset,
-                self._start_recording,
-                self._stop_recording,
-                self._save_snapshot,
-            ):
-                self._services.append(self._service(act.__name__.removeprefix("_"), act))
+            for name, act in services.items():
+                self._services.append(self._service(name, act))
             self.outputs = Outputs(self._knee(), self.node.get_logger())
         except BaseException:
             self.destroy_endpoints()
@@ -169,7 +178,7 @@ class Session(ABC):
 
     def start(self) -> None:
         """Open the inputs and the timers."""
-        # What is there now stays; what ticks leave behind is freed by reference counting, or by the timer.
+        # Freeze what exists: the collector stays off in ticks, whose garbage has no cycles, and a timer collects.
         gc.unfreeze()  # what an earlier session has left while another one streams
         gc.collect()
         gc.freeze()
@@ -180,28 +189,14 @@ class Session(ABC):
         for stream in self.inputs:
             stream.meter.begin()
             stream.open()
-        self._lag, self._timer_came = 0.0, time.monotonic()
-        self._timers = [
-            self.node.create_timer(period, act, clock=STEADY)
-            for period, act in self._regular_acts()
-        ]
+        self.health.counts.start_timer()
+        for period, act in self._regular_acts:
+            self._timers.append(self.node.create_timer(period, act, clock=STEADY))
 
     @property
     def _wait_period(self) -> float:
         """Time [s] between two checks for late angles."""
         return float(max(0.25 * self.parameters.pairing.wait, 0.01))
-
-    def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
-        """Functions that are called regularly, each with its period [s].
-
-        Checks about once a second have different periods; done together they would delay the next samples.
-        """
-        return [
-            (self._wait_period, self._on_wait_timer),
-            (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer),
-            (0.83 * DIAGNOSTICS_PERIOD, self.pipeline.angle_conflict.check_samples),
-            (0.91 * DIAGNOSTICS_PERIOD, self.pipeline.force_conflict.check_samples),
-        ]
 
     def stop(self) -> None:
         """Close the inputs and the timers; answer waiting samples."""
@@ -219,13 +214,9 @@ class Session(ABC):
             self.node.destroy_timer(timer)
         self._timers = []
 
-    def check(self, parameters: Any) -> None:
-        """Check that the run can continue with changed parameters; raises the reason if not."""
-        self.pipeline.check_retune(parameters)
-
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
-        self.parameters = parameters
+        self.parameters = self.health.parameters = parameters
         self.pipeline.retune(parameters)
         self.outputs.put(Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes)))
 
@@ -308,7 +299,7 @@ class Session(ABC):
         check_writable(path)
         path = next(free_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
         record = self.parameters.record.model_copy(update={"path": str(path)})
-        knee = self._described(self.parameters.model_copy(update={"record": record}))
+        knee = self._recorded_knee(self.parameters.model_copy(update={"record": record}))
         before = {TICKS_BEFORE: str(self.pipeline.ticks - answers)}
         self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
         return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
@@ -321,36 +312,16 @@ class Session(ABC):
             for name, part in sections.items()
             if part
         }
-        return self._described(self.parameters.model_copy(update=update))
+        return self._recorded_knee(self.parameters.model_copy(update=update))
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
-        self._note_timer()
+        self.health.counts.note_timer(self._wait_period)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
         for stream in self.inputs:
             stream.adapt()
         gc.collect(0)  # often and little: in a second there is much to look through
-
-    def _note_timer(self) -> None:
-        """Note that the timer of `_on_wait_timer` has fired; it waits in the same queue as samples."""
-        last, self._timer_came = self._timer_came, time.monotonic()
-        self._lag = max(0.0, self._timer_came - last - self._wait_period)
-        self.largest_lag = max(self.largest_lag, self._lag)
-
-    def count(self, level: int, status: int, duration: float, latency: float) -> None:
-        """Count an answer by its level and status.
-
-        Args:
-            level: Value of one of the levels.
-            status: Bits of `Status`.
-            duration: Computing time [s].
-            latency: Time [s] from the arrival of its force to its publication.
-        """
-        self.counts[level, status] += 1
-        self.durations.append(duration)
-        self.missed += latency + self._lag > self.parameters.deadline
-        self.status, self.answered = status, time.monotonic()
 
     def _publish_all(self, answers: Iterator[Any]) -> None:
         """Publish answers one after another, each as soon as it is computed."""
@@ -363,6 +334,6 @@ class Session(ABC):
             self.node.get_logger().warning(text, **at_most_every(LOG_PERIOD))
             self.pipeline.last_refusal = ""
 
-    def _on_diagnostics_timer(self) -> None:
-        """Publish the diagnostics."""
-        self._publishers[DIAGNOSTICS].publish(self.health.report())
+    def _publish_diagnostics(self) -> None:
+        report = self.health.report(self.inputs, self.outputs)
+        self._publishers[DIAGNOSTICS].publish(report)

@@ -14,7 +14,7 @@ MAX_NAME_LENGTH = 100
 
 
 def printable(text: str) -> str:
-    r"""Text with every non-printable character (escape codes, line ends) replaced by an escape such as `\x1b`."""
+    r"""Return a text whose non-printable characters (escape codes, line ends) are escapes such as `\x1b`."""
     if text.isprintable():
         return text
     return "".join(
@@ -26,27 +26,23 @@ def printable(text: str) -> str:
 
 
 def list_names(names: Sequence[str]) -> str:
-    """List of names with commas; a long list is cut, and so is a long name."""
+    """Join names with commas; a long list is cut, and so is a long name."""
+    shown = [
+        name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}..."
+        for name in names[:MAX_NAMES]
+    ]
     more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
-    return (
-        printable(
-            ", ".join(
-                name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}..."
-                for name in names[:MAX_NAMES]
-            )
-        )
-        + more
-    )
+    return printable(", ".join(shown)) + more
 
 
 def suggest(name: str, names: Collection[str], otherwise: str = "", cutoff: float = 0.6) -> str:
-    """Hint for an unknown name: the known one that is similar, or else `otherwise`, or else all known ones."""
+    """Return a hint for an unknown name: the similar known one, or else `otherwise`, or else all known ones."""
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     return f"did you mean {near[0]}?" if near else otherwise or f"allowed are {', '.join(names)}"
 
 
 def join_faults(faults: Collection[str]) -> str:
-    """First faults, and the number of the others, in one line of printable characters."""
+    """Join the first faults, and the number of the others, in one line of printable characters."""
     more = len(faults) - MAX_FAULTS
     return printable("; ".join(list(faults)[:MAX_FAULTS])) + (
         f"; and {more} more" if more > 0 else ""

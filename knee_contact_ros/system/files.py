@@ -27,7 +27,7 @@ DEFAULT_PARAMETERS = "healthy.yaml"
 
 
 def share_folder() -> Path:
-    """Share folder of the package: the source tree if this module runs from one, else in an ament prefix.
+    """Return the share folder of the package: the source tree if this module runs from one, else in an ament prefix.
 
     Raises:
         FileNotFoundError: the package is not installed completely.
@@ -44,7 +44,7 @@ def share_folder() -> Path:
 
 
 def ament_prefixes() -> list[str]:
-    """Prefixes in which ROS 2 packages may be installed."""
+    """Return the prefixes in which ROS 2 packages may be installed."""
     return [
         prefix
         for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix)
@@ -53,11 +53,9 @@ def ament_prefixes() -> list[str]:
 
 
 def missing_middleware() -> str:
-    """Sentence that RMW_IMPLEMENTATION names a middleware that is not installed, else empty; ROS would just exit."""
-    wanted, index = (
-        os.environ.get("RMW_IMPLEMENTATION", ""),
-        "share/ament_index/resource_index/rmw_typesupport",
-    )
+    """Return a sentence if RMW_IMPLEMENTATION names a middleware that is not installed: ROS would just exit."""
+    wanted = os.environ.get("RMW_IMPLEMENTATION", "")
+    index = "share/ament_index/resource_index/rmw_typesupport"
     known = {
         each.name for prefix in ament_prefixes() for each in Path(prefix, index).glob("rmw_*_cpp")
     }
@@ -68,13 +66,13 @@ def missing_middleware() -> str:
 
 
 def installed_share(package: str) -> Path | None:
-    """Share folder of an installed ROS 2 package; None if there is none."""
+    """Return the share folder of an installed ROS 2 package; None if there is none."""
     shares = [Path(prefix) / "share" / package for prefix in ament_prefixes()]
     return next((share for share in shares if (share / "package.xml").is_file()), None)
 
 
 def find_file(name: str) -> Path:
-    """Path of a file that a parameter names: from the current folder, else in the package's config folder."""
+    """Find a file that a parameter names: from the current folder, else in the package's config folder."""
     path = expand_user(name)
     if path.is_absolute() or path.exists():
         return path
@@ -83,7 +81,7 @@ def find_file(name: str) -> Path:
 
 
 def parameter_file(name: str) -> Path:
-    """Path of a parameter file, found as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`.
+    """Find a parameter file as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`.
 
     Files of the load node may be given without their folder, like `insole` for `load/insole`.
     """
@@ -92,13 +90,13 @@ def parameter_file(name: str) -> Path:
 
 
 def shipped_parameter_files(folder: str = "") -> list[Path]:
-    """Parameter files of the package in a folder within `config`, the default first."""
+    """Return the parameter files of the package in a folder within `config`, the default first."""
     files = sorted((share_folder() / "config" / folder).glob("*.yaml"))
     return sorted(files, key=lambda path: path.name != DEFAULT_PARAMETERS)
 
 
 def expand_user(name: str) -> Path:
-    """Path with `~` and `~user` expanded; unchanged if there is no such user."""
+    """Return a path with `~` and `~user` expanded; unchanged if there is no such user."""
     try:
         return Path(name).expanduser()
     except RuntimeError:
@@ -144,7 +142,7 @@ def open_regular(path: Path) -> BufferedReader:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path is a regular file; False for a name that is too long."""
+    """Return whether a path is a regular file; False for a name that is too long."""
     try:
         return path.is_file()
     except OSError:
@@ -165,7 +163,7 @@ def read_regular(path: Path, most: int) -> bytes:
 
 
 def sha256_of(file: BufferedReader) -> str:
-    """SHA-256 of the rest of a file, in hexadecimal digits."""
+    """Return the SHA-256 of the rest of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
     while part := file.read(HASH_BLOCK_SIZE):
         digest.update(part)
@@ -250,7 +248,7 @@ def read_mapping(
 
 
 def bracket_depth(text: str) -> int:
-    """Largest number of brackets that are open at a time in a YAML text, also within its texts."""
+    """Return the largest number of brackets that are open at a time in a YAML text, also within its texts."""
     return max(
         accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0
     )
@@ -258,7 +256,8 @@ def bracket_depth(text: str) -> int:
 
 def _check_bounds(content: Any) -> None:
     """Refuse content that exceeds the bounds, which would take long to process; aliases count each time."""
-    branches, nodes = [iter([content])], 0
+    branches = [iter([content])]
+    nodes = 0
     while branches:
         node = next(branches[-1], END)
         if node is END:
@@ -303,12 +302,12 @@ def require(extra: str, *libraries: str) -> None:
 
 
 def not_installed(library: str, extra: str) -> str:
-    """Message for a missing library of an extra."""
+    """Return the message for a missing library of an extra."""
     return f"{library} is not installed; {install_command(extra)}"
 
 
 def install_command(extra: str) -> str:
-    """Command that installs an extra, and the folder in which to run it."""
+    """Return the command that installs an extra, and the folder in which to run it."""
     source = share_folder()
     if Path(sys.prefix) == source / ".venv":
         return f"in {source}: .venv/bin/uv pip install -e '.[{extra}]'"

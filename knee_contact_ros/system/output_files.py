@@ -35,8 +35,10 @@ REPAIR_COMMANDS = {
     ".rrd": "rerun rrd merge {} -o OUT.rrd",
 }
 """Commands that repair a recording that was cut off, by suffix"""
-LOCK_TRIES, LOCK_PAUSE = 5, 0.01
-"""Number of attempts to lock a file, and pause between them [s], as others may briefly hold the lock to check it"""
+LOCK_TRIES = 5
+"""Number of attempts to lock a file, as others may briefly hold the lock to check it"""
+LOCK_PAUSE = 0.01
+"""Pause between two of them [s]"""
 CREATE_FLAGS = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to create and open a new file"""
 DISK_FULL_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
@@ -44,17 +46,17 @@ DISK_FULL_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def partial_name(path: Path) -> Path:
-    """Name of an output until it is complete."""
+    """Return the name of an output until it is complete."""
     return path.with_name(path.name + PARTIAL)
 
 
 def is_taken(path: Path) -> bool:
-    """Whether the name of an output or of its unfinished file exists."""
+    """Return whether the name of an output or of its unfinished file exists."""
     return os.path.lexists(path) or os.path.lexists(partial_name(path))
 
 
 def later_names(path: Path) -> Iterator[Path]:
-    """Names after the first one, numbered as the files of a recording of rosbag2, without those that are taken.
+    """Yield free names after the first one, numbered as the files of a recording of rosbag2.
 
     `run_1.mcap` follows `run_0.mcap` as well as `run.mcap`.
     """
@@ -64,12 +66,12 @@ def later_names(path: Path) -> Iterator[Path]:
 
 
 def free_names(path: Path) -> Iterator[Path]:
-    """A path, unless it is taken, and the names that follow it; see `later_names`."""
+    """Yield a path, unless it is taken, and the names that follow it; see `later_names`."""
     return itertools.chain([] if is_taken(path) else [path], later_names(path))
 
 
 def expand_stamp(path: str) -> str:
-    """Path with the local time in place of `{stamp}`, in the format of rosbag2, and with `~` expanded; or empty."""
+    """Return a path with the local time for `{stamp}`, as rosbag2 writes it, and with `~` expanded; or empty."""
     return path and str(
         expand_user(path.replace(STAMP_PLACEHOLDER, time.strftime("%Y_%m_%d-%H_%M_%S")))
     )
@@ -99,12 +101,12 @@ def _check_not_folder(path: Path) -> None:
 
 
 def _not_writable(path: Path, error: OSError | ValueError) -> UsageError:
-    """Error for an output that cannot be written; a ValueError means characters that no file name can have."""
+    """Return the error for an output that cannot be written; a ValueError means characters that no name can have."""
     return UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
 
 
 def _not_written(path: Path, error: OSError) -> UsageError | IncompleteError:
-    """Error for an output that could not be written, or not completely, as the disk is full."""
+    """Return the error for an output that could not be written, or not completely, as the disk is full."""
     return (IncompleteError if error.errno in DISK_FULL_ERRORS else UsageError)(
         f"cannot write {path}: {error.strerror}"
     )
@@ -154,12 +156,12 @@ def check_name_free(path: Path) -> None:
 
 
 def being_written_message(partial: Path) -> str:
-    """Message for an unfinished file that is locked."""
+    """Return the message for an unfinished file that is locked."""
     return f"{partial} is being written by another process; choose another name"
 
 
 def cut_off_message(partial: Path) -> str:
-    """Message for the unfinished file of a recording that was cut off."""
+    """Return the message for the unfinished file of a recording that was cut off."""
     command = REPAIR_COMMANDS[partial.with_suffix("").suffix].format(shlex.quote(str(partial)))
     return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
@@ -253,9 +255,8 @@ def rename_new(partial: Path, name: Path) -> None:
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
             raise
-        if os.path.lexists(
-            name
-        ):  # a file system without links, as on memory cards: a check is all that can be done
+        # A file system without links, as on memory cards: a check is all that can be done.
+        if os.path.lexists(name):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(name)) from None
         partial.rename(name)
     else:
@@ -311,7 +312,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def is_being_written(partial: Path) -> bool:
-    """Whether a process holds the lock of an unfinished file."""
+    """Return whether a process holds the lock of an unfinished file."""
     try:
         with os.fdopen(os.open(partial, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -323,7 +324,7 @@ def is_being_written(partial: Path) -> bool:
 
 
 def unfinished_files(folder: Path, suffix: str) -> list[Path]:
-    """Unfinished recordings in a folder, with the suffix `.mcap` or `.rrd`, that no process writes any more."""
+    """Find unfinished recordings in a folder, with the suffix `.mcap` or `.rrd`, that no process writes any more."""
     paths = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
     return [
         path
@@ -340,9 +341,8 @@ def work_folder(output: Path) -> Iterator[Path]:
         UsageError: it cannot be made.
         IncompleteError: the disk is full; also if it becomes full while the results are written.
     """
-    from knee_contact_ros.system.processes import (
-        interrupted_by_sigterm,
-    )  # a third of the time of --help
+    # Imported here, as subprocess takes a third of the time of --help.
+    from knee_contact_ros.system.processes import interrupted_by_sigterm
 
     work = output / f".incomplete-{os.getpid()}"
     made = not output.exists()

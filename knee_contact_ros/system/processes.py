@@ -115,7 +115,7 @@ def child_process(
 
 
 def python_module(module: str, *arguments: str) -> dict[str, Any]:
-    """Arguments of `start_process` for a module in a process that imports from the same folders as this one.
+    """Return arguments of `start_process` for a module whose process imports from the same folders as this one.
 
     The working folder is left out, because a file there may have the name of a library.
     """
@@ -221,9 +221,8 @@ def check_port_free(port: int, name: str) -> None:
         UsageError: another process listens on it, or it is not allowed.
     """
     with socket.socket() as probe:
-        probe.setsockopt(
-            socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
-        )  # as the server does: closed connections linger
+        # As the server does: otherwise closed connections that linger would take the port.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((LOCALHOST, port))
         except OSError as error:

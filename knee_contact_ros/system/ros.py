@@ -24,23 +24,19 @@ def one_line_ros_errors() -> Iterator[None]:
         UsageError: the ROS graph cannot be joined.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # rclpy's, on what it could not clean up after the failure
+        # After the failure rclpy warns of what it could not clean up.
+        warnings.simplefilter("ignore", RuntimeWarning)
         try:
             yield
-        except (
-            RuntimeError,
-            NameValidationException,
-        ) as error:  # rclpy's other errors derive from the former
-            raise UsageError(
-                f"cannot join the ROS graph: {str(error).removesuffix('^')}"
-            ) from None
+        # All errors of rclpy but NameValidationException derive from RuntimeError.
+        except (RuntimeError, NameValidationException) as error:
+            reason = str(error).removesuffix("^")
+            raise UsageError(f"cannot join the ROS graph: {reason}") from None
 
 
 @contextmanager
 def private_graph() -> Iterator[dict[str, str]]:
-    """Environment variables for processes that communicate only with each other, and with nothing else.
+    """Yield environment variables for processes that communicate only with each other, and with nothing else.
 
     `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` alone still opens sockets on every interface with Fast DDS; the profile in
     `config/fastdds_loopback.xml` binds them all to 127.0.0.1.
@@ -50,7 +46,7 @@ def private_graph() -> Iterator[dict[str, str]]:
 
 
 def loopback_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """Environment variables that keep DDS on the loopback interface."""
+    """Return environment variables that keep DDS on the loopback interface."""
     if "fastrtps" in environment.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"):
         profile = str(share_folder() / "config" / "fastdds_loopback.xml")
         return {
@@ -92,6 +88,6 @@ WILDCARD_STAND_IN = "ANY_TEXT"
 
 
 def resolve_topic(node: Node, topic: str) -> str:
-    """Absolute name of a topic of a node; `*` in it stays."""
+    """Return the absolute name of a topic of a node; `*` in it stays."""
     name: str = node.resolve_topic_name(topic.replace("*", WILDCARD_STAND_IN))
     return name.replace(WILDCARD_STAND_IN, "*")

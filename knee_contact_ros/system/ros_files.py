@@ -41,8 +41,10 @@ FLOAT = re.compile(
     re.IGNORECASE,
 )
 SPECIAL = re.compile(r"[+-]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
-MIN_INTEGER, MAX_INTEGER, MAX_INTEGER_LENGTH = -(2**63), 2**63 - 1, 1000
-"""Range of an integer, and the largest number of its characters"""
+MIN_INTEGER = -(2**63)
+MAX_INTEGER = 2**63 - 1
+MAX_INTEGER_LENGTH = 1000
+"""Largest number of characters of an integer: Python refuses to convert longer ones"""
 RANKED_KINDS = (bool, int, float, str, list, type(None))
 """Kinds of values; if two files give a section's name different kinds, rcl keeps the one that comes first here"""
 NAME_PART = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
@@ -51,7 +53,7 @@ WILDCARD_PATTERNS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
 
 
 def parse_scalar(text: str) -> Any:
-    """Value of a scalar without quotes in a parameter file."""
+    """Return the value of a scalar without quotes in a parameter file."""
     if text in TRUE_TEXTS or text in FALSE_TEXTS:
         return text in TRUE_TEXTS
     if len(text) <= MAX_INTEGER_LENGTH and INTEGER.fullmatch(text):
@@ -66,15 +68,14 @@ def parse_scalar(text: str) -> Any:
     if FLOAT.fullmatch(text):
         with suppress(OverflowError):
             number = float.fromhex(text) if "x" in text.lower() else float(text)
-            if (
-                math.isfinite(number) or "n" in text.lower()
-            ):  # of inf and nan; a number that is too large is a text
+            # Infinity and NaN have an n; a number that is too large for a float stays a text.
+            if math.isfinite(number) or "n" in text.lower():
                 return number
     return text
 
 
 def _content(event: Any, more: Iterator[Any]) -> Any:
-    """Content that begins with an event of a YAML text and takes `more` of them."""
+    """Return the content that begins with an event of a YAML text and takes `more` of them."""
     if isinstance(event, events.AliasEvent):
         raise UsageError(f"ROS 2 reads no aliases (*{event.anchor})")
     if isinstance(event, events.ScalarEvent):
@@ -98,7 +99,7 @@ def _content(event: Any, more: Iterator[Any]) -> Any:
 
 
 def read_sections(path: Path, known: Sections | None = None) -> Sections:
-    """Sections of a parameter file, after those `known` from earlier files; a file without node names is for `/**`.
+    """Read the sections of a parameter file, after those `known` from earlier files; without node names: `/**`.
 
     Raises:
         UsageError: it cannot be read, or is not a parameter file.
@@ -127,7 +128,7 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
 
 
 def parse_documents(text: str) -> list[Any]:
-    """Contents of the documents of a YAML text.
+    """Return the contents of the documents of a YAML text.
 
     Raises:
         UsageError: it is not YAML, or nested too deep.
@@ -193,7 +194,7 @@ def _add_values(values: dict[str, Any], content: Mapping[str, Any]) -> None:
 
 
 def flatten(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values of a mapping with nested or dotted names; the names begin with `before`."""
+    """Yield dotted names and values of a mapping with nested or dotted names; the names begin with `before`."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             yield from flatten(value, f"{before}{name}.")
@@ -202,12 +203,12 @@ def flatten(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
 
 
 def _rank(value: Any) -> int:
-    """Place of a value's kind in `RANKED_KINDS`."""
+    """Return the place of a value's kind in `RANKED_KINDS`."""
     return RANKED_KINDS.index(type(value)) if type(value) in RANKED_KINDS else len(RANKED_KINDS)
 
 
 def values_for(sections: Sections, node: str) -> dict[str, Any]:
-    """Values that a node with this absolute name gets, by dotted name."""
+    """Return the values that a node with this absolute name gets, by dotted name."""
     merged: dict[str, Any] = {}
     for section, values in sections.items():
         if matches_node(section, node):
@@ -216,7 +217,7 @@ def values_for(sections: Sections, node: str) -> dict[str, Any]:
 
 
 def matches_node(name: str, node: str) -> bool:
-    """Whether the name of a section, which may have wildcards, fits the absolute name of a node."""
+    """Return whether the name of a section, which may have wildcards, fits the absolute name of a node."""
     return bool(
         re.fullmatch(
             "".join(
@@ -229,7 +230,7 @@ def matches_node(name: str, node: str) -> bool:
 
 
 def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
-    """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
+    """Read parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
 
     Raises:
         UsageError: a side of a rule is missing, or a value is not YAML.

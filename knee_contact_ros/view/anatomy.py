@@ -33,17 +33,25 @@ TAPER = 0.12
 """Fraction of a surface, at each end, over which its cartilage thins out"""
 SHAFT_ANGLE = math.radians(42.0)
 """Angle [rad] to each side of the shaft that is cut out of a closed femoral outline"""
-SHAFT_BEGIN, SHAFT_WIDTH, SHAFT_RISE, SHAFT_LENGTH = 0.10, 0.50, 0.28, 1.05
-"""Dimensions of the femoral shaft, in extents of the condyle from posterior to anterior: distance from the condyle's
-posterior end to the shaft, width, height of the shaft's beginning above that end, and of its end above the reference
-point"""
+SHAFT_BEGIN = 0.10
+"""Distance from the condyle's posterior end to the femoral shaft, in extents of the condyle, as the next three"""
+SHAFT_WIDTH = 0.50
+SHAFT_RISE = 0.28
+"""Height of the shaft's beginning above the ends of the surface"""
+SHAFT_LENGTH = 1.05
+"""Height of the shaft's end above the reference point"""
 PLATEAU = 0.45
 """Half the length of the drawn plateau, in extents of the condyle; at most its measured length"""
 PLATEAU_MARGIN = 0.012
 """Smallest distance [m] by which the plateau is drawn beyond the contact of a walking knee"""
-TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH, TIBIA_LEAN = 0.62, 0.34, 0.60, 2.5
-"""Dimensions of the tibial shaft, in widths of the plateau: width, and depth of its beginning and end below it; and the
-`lean` of its joins"""
+TIBIA_WIDTH = 0.62
+"""Width of the tibial shaft, in widths of the plateau, as the next two"""
+TIBIA_DROP = 0.34
+"""Depth of the shaft's beginning below the plateau"""
+TIBIA_DEPTH = 0.60
+"""Depth of the shaft's end below the plateau"""
+TIBIA_LEAN = 2.5
+"""The `lean` of the joins to the tibial shaft"""
 PLATEAU_REACH = 0.04
 """Half the length [m] of the tibial surface for overlaps and markers"""
 NEWTONS_PER_MM = 50.0
@@ -56,9 +64,10 @@ MIN_MOVEMENT = 1e-5
 """Movement [m] of the contact point below which it counts as standing still"""
 OVERLAP_POINTS = 13
 """Number of points along an overlap"""
-OVERLAP_REACH, OVERLAP_SAMPLES = 0.03, 97
-"""Distance [m] to each side of the contact point within which the overlap lies, and number of points that are compared
-there to find its ends"""
+OVERLAP_REACH = 0.03
+"""Distance [m] to each side of the contact point within which the overlap lies"""
+OVERLAP_SAMPLES = 97
+"""Number of points that are compared there to find its ends"""
 
 
 class Anatomy(NamedTuple):
@@ -195,7 +204,8 @@ def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatom
         both = min(model.cartilage_thickness, model.law.thickness)
         thickness = 0.5 * both if math.isfinite(both) else DRAWN_THICKNESS
         tibia = _even(model.pair.outline(max(PLATEAU * extent, least_plateau)))
-        width, edge = float(np.ptp(tibia[[0, -1], 0])), float(tibia[[0, -1], 1].min())
+        width = float(np.ptp(tibia[[0, -1], 0]))
+        edge = float(tibia[[0, -1], 1].min())
         tibial_shaft = 0.5 * (tibia[0, 0] + tibia[-1, 0]) + 0.5 * TIBIA_WIDTH * width * np.array(
             [-1.0, 1.0]
         )
@@ -222,7 +232,8 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     point = closest.point(x, femoral_height)
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
-        femur, tibia = model.pair.femur.outline(), model.pair.outline(10.0 * model.femoral_radius)
+        femur = model.pair.femur.outline()
+        tibia = model.pair.outline(10.0 * model.femoral_radius)
         upper, lower = find_overlaps(
             to_tibia_frame(femur, *pose)[None], tibia, np.array(point[:1])
         )
@@ -263,7 +274,8 @@ def find_overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats,
     """
     x = middle[:, None] + np.linspace(-OVERLAP_REACH, OVERLAP_REACH, OVERLAP_SAMPLES)
     deep = np.interp(x, *tibia.T) - lowest_at(femur, x)
-    begin, end = _edge(x, deep), _edge(x[:, ::-1], deep[:, ::-1])
+    begin = _edge(x, deep)
+    end = _edge(x[:, ::-1], deep[:, ::-1])
     x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, OVERLAP_POINTS)
     upper = np.interp(x, *tibia.T)
     return np.stack([x, upper], axis=2), np.stack(
@@ -283,13 +295,13 @@ def lowest_at(outlines: Floats, x: Floats) -> Floats:
 
 def _edge(x: Floats, deep: Floats) -> Floats:
     """Return where the outlines first cross along `x` [m], shape (n,); the middle of `x` where they do not overlap."""
-    rows, inside = np.arange(len(x)), deep > 0.0
+    rows = np.arange(len(x))
+    inside = deep > 0.0
     inside[:, OVERLAP_SAMPLES // 2] = True
     after = inside.argmax(axis=1)
     over = np.maximum(deep[rows, after], 0.0)
-    under = np.where(
-        after > 0, deep[rows, after - 1], -np.inf
-    )  # before the first point: it is the end
+    # An overlap that begins before the first point ends there: the crossing is at the point itself.
+    under = np.where(after > 0, deep[rows, after - 1], -np.inf)
     return np.asarray(
         x[rows, after]
         + (x[:, 0] - x[:, 1]) * over / np.maximum(over - under, np.finfo(float).tiny)
@@ -315,8 +327,11 @@ def _bone(
         lean: how much the joins to the shaft begin in its direction, and not in the surface's.
     """
     inner = surface + up * _covered(surface, thickness) * _left(surface)
-    away, (rear, front), (begin, end) = np.array([0.0, up]), shaft, ends
-    first, last = _unit(surface[1] - surface[0]), _unit(surface[-1] - surface[-2])
+    away = np.array([0.0, up])
+    rear, front = shaft
+    begin, end = ends
+    first = _unit(surface[1] - surface[0])
+    last = _unit(surface[-1] - surface[-2])
     anterior = _join(surface[-1], last + lean * away, np.array([front, begin]), away)
     posterior = _join(np.array([rear, begin]), -away, surface[0], first - lean * away)
     bone = np.concatenate([inner, anterior[1:], [[front, end], [rear, end]], posterior[:-1]])
@@ -327,20 +342,19 @@ def _open(points: Floats) -> Floats:
     """Return a femoral outline from posterior to anterior; a closed one without the part that the shaft covers."""
     if np.allclose(points[0], points[-1]):
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        turn = np.mod(
-            -np.arctan2(*(points[:-1] - middle).T), math.tau
-        )  # from superior over posterior
+        # Angles are counted from superior over posterior.
+        turn = np.mod(-np.arctan2(*(points[:-1] - middle).T), math.tau)
         order = np.argsort(turn)
         kept = (turn[order] > SHAFT_ANGLE) & (turn[order] < math.tau - SHAFT_ANGLE)
         return np.asarray(points[:-1][order][kept])
-    return (
-        points if signed_areas(points).sum() > 0.0 else points[::-1]
-    )  # as from posterior over inferior to anterior
+    # From posterior over inferior to anterior is counterclockwise.
+    return points if signed_areas(points).sum() > 0.0 else points[::-1]
 
 
 def signed_areas(points: Floats) -> Floats:
     """Return twice the area of the triangles from the origin to each side of a polygon; counterclockwise positive."""
-    (x, y), (next_x, next_y) = points.T, np.roll(points, -1, axis=0).T
+    x, y = points.T
+    next_x, next_y = np.roll(points, -1, axis=0).T
     return np.asarray(x * next_y - next_x * y)
 
 

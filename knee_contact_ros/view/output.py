@@ -40,14 +40,18 @@ if TYPE_CHECKING:
 APPLICATION = "knee_contact_ros"
 VIEWER_NICENESS = 10
 """Niceness of a scene's process: unlike a recorder, whose unwritten data can be lost, it may wait for all others"""
-FILE_GATHER, LIVE_GATHER = 0.25, 0.05
-"""Time [s] for which answers are gathered before they are sent to the scene's process, for a file and live"""
+FILE_GATHER = 0.25
+"""Time [s] for which answers are gathered before they are sent to the scene's process, for a file"""
+LIVE_GATHER = 0.05
+"""The same, for a live viewer"""
 SERVED_MEMORY = "64MB"
 """Memory that a server keeps for viewers that connect later; older data is dropped first"""
 BATCH_SIZE = 4000
 """Number of answers shown at a time: a message to Rerun costs as much as hundreds of answers"""
-FILE_PERIOD, LIVE_PERIOD = 1.0, 0.1
-"""Longest time [s] that a batch waits to be full, for a file and for a live viewer"""
+FILE_PERIOD = 1.0
+"""Longest time [s] that a batch waits to be full, for a file"""
+LIVE_PERIOD = 0.1
+"""The same, for a live viewer"""
 MESSAGE_PAUSE = 0.0005
 """Pause [s] between two messages to Rerun while a node runs, which then gets the processor"""
 PIPE_SIZE = 1 << 16
@@ -69,7 +73,8 @@ def sink_for(knee: RecordedKnee) -> Sink | None:
     Raises:
         UsageError: Rerun is not installed, or the knee's name is not among those that share the viewer.
     """
-    rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
+    rerun = knee.parameters.rerun
+    name = knee_name(knee.names[KNEE_CONTACT])
     models = tuple(knee.models.values())
     if rerun.mode == "off":
         return None
@@ -115,7 +120,9 @@ def open_output(
 
     remarks: list[str] = []
     known = {drawing.knee: drawing for drawing in own}
-    among, file, window = list(known), None, None
+    among = list(known)
+    file = None
+    window = None
     if path:
         output_files.check_writable(path)
         name = next(output_files.free_names(path))
@@ -156,7 +163,10 @@ class Viewer:
         opened.
         """
         self.period, self.name = (FILE_PERIOD, str(file.path)) if file else (LIVE_PERIOD, "")
-        self._recording, self._scenes, self._file, self._window = recording, scenes, file, window
+        self._recording = recording
+        self._scenes = scenes
+        self._file = file
+        self._window = window
         self._remarks = tuple(remarks)
         self._batch: list[bytes] = []
 
@@ -181,7 +191,8 @@ class Viewer:
 
     def news(self) -> tuple[str, ...]:
         """Return messages to the user, each once: remarks, and that the viewer on this machine has ended."""
-        news, self._remarks = self._remarks, ()
+        news = self._remarks
+        self._remarks = ()
         return news + (self._window.news() if self._window else ())
 
     def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
@@ -249,10 +260,8 @@ class RerunFile:
         self.path = path
         """Name of the file, which may change when it is complete"""
         self._overwrite = overwrite
-        self._partial, self._file = (
-            output_files.partial_name(path),
-            output_files.claim(path, overwrite),
-        )
+        self._partial = output_files.partial_name(path)
+        self._file = output_files.claim(path, overwrite)
         self._error: OSError | None = None
         self._source, sink = os.pipe()
         self._thread = Thread(target=self._copy, name="Rerun file", daemon=True)
@@ -303,19 +312,19 @@ class RerunFile:
 
 
 class ViewerWindow:
-    """A viewer that this process started and that shows what is served at an address; it stays when we end."""
+    """A viewer of what is served at an address. This process starts it; it keeps running after this process exits."""
 
-    def __init__(self, server_address: str) -> None:
+    def __init__(self, address: str) -> None:
         """Start the viewer.
 
         Raises:
             UsageError: Rerun is not installed, or there is no screen.
         """
         require_display("parameter rerun.mode can be serve or file")
-        self._address = server_address
+        self._address = address
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
         self._process: Process | None = start_process(
-            connect_command([server_address]), self._log, start_new_session=True
+            connect_command([address]), self._log, start_new_session=True
         )
 
     def news(self) -> tuple[str, ...]:

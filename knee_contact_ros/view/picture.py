@@ -14,9 +14,21 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.view.anatomy import Picture, picture_of
 
-BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
-OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
-"""Colours of the overlap of cartilages, of an overlap beyond the first layer, of the force, and of texts"""
+BONE = "#F0E8D6"
+CARTILAGE = "#A9D0EC"
+EDGE = "#7A7060"
+"""Colour of the edges of bones"""
+SURFACE = "#4F93C4"
+"""Colour of the edges of cartilage"""
+OVERLAP = "#1F6FB2"
+"""Colour of the overlap of cartilages"""
+DEEP_OVERLAP = "#C2357F"
+"""Colour of an overlap beyond the first layer"""
+FORCE = "#C8481A"
+INK = "#1B1F24"
+"""Colour of the depth"""
+QUIET = "#5B6570"
+"""Colour of names, directions and scale"""
 MM_PER_WEIGHT = 6.0
 """Length [mm] of the force's arrow per body weight"""
 SLENDER = 0.85
@@ -49,9 +61,8 @@ def png_figure(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> 
         figure = Figure(figsize=size, layout="constrained")
         yield figure
         with warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", "Glyph .* missing"
-            )  # of a name; a box is drawn instead
+            # Of a letter of a name that no font has; a box is drawn instead.
+            warnings.filterwarnings("ignore", "Glyph .* missing")
             figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
 
 
@@ -63,7 +74,8 @@ def draw_knee(
     The knee has a flexion angle [rad], a femoral height [m] and a contact force [N]; the body weight is in N.
     """
     picture = picture_of(model, angle, height)
-    contact, normal = MM * np.array(picture.contact_point), np.array(picture.normal)
+    contact = MM * np.array(picture.contact_point)
+    normal = np.array(picture.normal)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage),
         (picture.femur_bone, picture.femur_cartilage),
@@ -72,28 +84,30 @@ def draw_knee(
         fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
     layer = min(model.cartilage_thickness, model.law.thickness)
     fill(axis, MM * magnified_overlap(picture, layer), OVERLAP, OVERLAP)
-    fill(axis, MM * magnified_overlap(picture, math.inf, layer), DEEP, DEEP)
+    fill(axis, MM * magnified_overlap(picture, math.inf, layer), DEEP_OVERLAP, DEEP_OVERLAP)
     everything = MM * np.concatenate(picture[:4])
-    (left, bottom), (right, top) = everything.min(axis=0), everything.max(axis=0)
+    left, bottom = everything.min(axis=0)
+    right, top = everything.max(axis=0)
     aside = max(2.0, 0.5 * (SLENDER * (top - bottom) - (right - left)))
-    left, right = left - aside, right + aside
+    left = left - aside
+    right = right + aside
     axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
     axis.set_axis_off()
     end = contact + MM_PER_WEIGHT * force / body_weight * normal
     look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
     axis.annotate("", end, contact, zorder=6, annotation_clip=False, arrowprops=look)
     style = {"ha": "center", "fontsize": 9, "fontweight": "bold", "zorder": 6}
-    told = f"{force / body_weight:.2f} BW\n({force:.0f} N)"
-    axis.text(end[0], end[1] + 1.0, told, color=FORCE, va="bottom", **style)
+    label = f"{force / body_weight:.2f} BW\n({force:.0f} N)"
+    axis.text(end[0], end[1] + 1.0, label, color=FORCE, va="bottom", **style)
     depth = MM * picture.depth
     words = (
         f"{depth:.3f} mm deep\n(drawn × {MAGNIFICATION:g})"
         if depth > 0.0
         else f"{-depth:.3f} mm apart"
     )
-    below = np.maximum(
-        contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal, (left, bottom)
-    )  # within the picture
+    below = contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal
+    # The word stays within the picture.
+    below = np.maximum(below, (left, bottom))
     axis.text(
         *below, words, color=INK, va="top", **style | {"fontsize": 7.5, "fontweight": "normal"}
     )
@@ -112,7 +126,8 @@ def draw_knee(
             va="center",
             fontsize=9,
         )
-    y, style = bottom - 6.0, {"color": QUIET, "fontsize": 8.5, "va": "center"}
+    y = bottom - 6.0
+    style = {"color": QUIET, "fontsize": 8.5, "va": "center"}
     axis.text(left, y, "anterior →", ha="left", **style)
     axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")
     axis.text(right - 11.5, y, "10 mm", ha="right", **style)
@@ -121,7 +136,8 @@ def draw_knee(
 def magnified_overlap(picture: Picture, most: float, least: float = 0.0) -> Floats:
     """Return the polygon [m] of the overlap from a depth to a deeper one [m], its depth magnified along the normal."""
     upper, lower = np.split(picture.overlap, 2)
-    depth, normal = (upper - lower[::-1])[:, 1:] * picture.normal[1], np.array(picture.normal)
+    depth = (upper - lower[::-1])[:, 1:] * picture.normal[1]
+    normal = np.array(picture.normal)
     top, bottom = (
         upper - MAGNIFICATION * np.minimum(depth, end) * normal for end in (least, most)
     )

@@ -68,7 +68,7 @@ def _single(
     factor: float = 1.0,
     **more: Any,
 ) -> Plot:
-    """Plot of a single curve: a field of the answers, or of their readouts, times a factor."""
+    """Make a plot of a single curve: a field of the answers, or of their readouts, times a factor."""
 
     def values(rows: Any, _weight: float) -> Floats:
         numbers = rows if more.get("from_readouts") else rows.view(FLAT)

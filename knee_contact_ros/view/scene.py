@@ -15,7 +15,7 @@ from rerun.urdf import UrdfTree
 
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW, Readings
 from knee_contact_ros.model.types import MM, ContactState, Rows, Status, blank_answers
-from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.results import FIRST_DATE
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.streams.strides import Stride, Strides
 from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK
@@ -110,7 +110,7 @@ class Scene:
         if not self._count:
             # Rerun allows one kind of time on a timeline: the first stamp decides.
             self._last_stamp = int(stamps[0])
-            self._dated = self._last_stamp >= DATES_FROM
+            self._dated = self._last_stamp >= FIRST_DATE
             self._send_states(layout.GAIT, stamps[:1], [_NO_PHASE])
         self._write_events(self._take_notes())
         self._count += len(answers)

@@ -96,7 +96,7 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(
     wait_until(lambda: recording.failure and picture.failure)
     for sink in (recording, picture):
         put(sink, range(4000, 4010))
-        assert sink.report()[0]["backlog"] == "0"
+        wait_until(lambda sink=sink: sink.report()[0]["backlog"] == "0")
         assert int(sink.report()[0]["dropped"]) >= 10
         assert close(sink) == (sink is picture)  # which may have gaps
     assert sorted(started.told) == sorted([recording.failure, picture.failure])

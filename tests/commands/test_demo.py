@@ -48,9 +48,8 @@ def test_the_picture_is_of_the_largest_load(
         assert min(image.size) > 700
         pixels = np.asarray(image.convert("RGB")).astype(int)
     surface = [int(picture.SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
-    assert (np.abs(pixels - surface) < 6).all(
-        axis=2
-    ).sum() > 800  # cartilage is seen, also half a millimetre of it
+    # Cartilage is seen, also half a millimetre of it.
+    assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800
 
 
 @pytest.mark.parametrize(

@@ -131,9 +131,8 @@ def test_the_table_says_the_level_the_parts_and_how_sure_it_is(
         forces[f"  {name}"]
         for name in ("without muscles", "quadriceps", "hamstrings", "gastrocnemius")
     ]
-    assert sum(parts) == pytest.approx(
-        forces["largest joint reaction"], abs=0.25
-    )  # five numbers of one decimal
+    # Five numbers of one decimal.
+    assert sum(parts) == pytest.approx(forces["largest joint reaction"], abs=0.25)
     floor, part = LOAD_LEVELS["ankle_moment"].uncalibrated
     deviation = math.hypot(floor * 80.0 * GRAVITY, part * forces["largest joint reaction"])
     assert forces["standard deviation"] == pytest.approx(deviation, abs=0.1)  # one decimal

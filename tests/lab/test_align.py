@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.align import Alignment, aligned
 from knee_contact_ros.lab.tables import TimeSeries
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.commands import run
 from tests.lab.trials import DELAY, MAP, OFFSET, cells, flexion, write_csv, write_trial
 
 
@@ -70,7 +70,7 @@ def test_intervals_hold_what_was_put_in_as_often_as_they_say() -> None:
         )  # 1.96 if it were normal
 
 
-def test_gaps_of_the_reference_tell_nothing() -> None:
+def test_gaps_of_the_reference_do_not_count() -> None:
     time, known = np.arange(0.0, 12.0, 1.0 / 148.0), np.arange(0.0, 12.0, 0.01)
     known = known[(known < 4.0) | (known > 5.5)]
     got = aligned(
@@ -103,7 +103,7 @@ def test_gaps_of_the_reference_tell_nothing() -> None:
         (None, "have 0 rows in common"),
     ],
 )
-def test_angles_that_do_not_go_together_are_told(
+def test_angles_that_do_not_go_together_are_refused(
     sensor: Callable[[Floats], Floats] | None, words: str
 ) -> None:
     """Of a sensor, or of one that measured at another time."""
@@ -119,8 +119,8 @@ def test_the_command_writes_parameters_that_make_the_sensor_right(
     """Flexion of the answers, computed with them, is that of the motion capture; without, it is 12 degrees off."""
     moved, tray, map_file = write_trial(tmp_path, noise=0.5)
     overlay, bag = tmp_path / "align.yaml", tmp_path / "bag"
-    files = [str(moved), str(tray), "--map", str(map_file), "--output"]
-    assert main(["align", *files, str(overlay)]) == 0
+    files = f"{moved} {tray} --map {map_file}"
+    assert run(f"align {files} --output {overlay}") == 0
     said = capsys.readouterr()
     assert "warning" not in said.err
     assert re.search(r"lag \[ms\] +2[01]\.\d ", said.out)
@@ -128,7 +128,7 @@ def test_the_command_writes_parameters_that_make_the_sensor_right(
     parameters = load_parameters(overlay)
     assert math.degrees(parameters.knee.flexion_offset) == pytest.approx(OFFSET, abs=0.1)
     assert parameters.pairing.angle_delay == pytest.approx(DELAY, abs=1e-3)
-    assert main(["import-csv", *files, str(bag)]) == 0
+    assert run(f"import-csv {files} --output {bag}") == 0
     answers = solve(bag, ["healthy.yaml", str(overlay)])
     inside = answers["stamp"] < 5.9e9  # behind are forces without an angle
     right = flexion(1e-9 * answers["stamp"][inside])
@@ -136,30 +136,21 @@ def test_the_command_writes_parameters_that_make_the_sensor_right(
     assert np.sqrt(np.mean(error**2)) < 0.6  # the noise
     raw = np.degrees(solve(bag)["flexion_angle"])
     assert np.sqrt(np.mean((raw - flexion(1e-9 * solve(bag)["stamp"])) ** 2)) > 11.0
-    assert main(["align", *files, str(overlay)]) == 2
+    assert run(f"align {files} --output {overlay}") == 2
     assert "exists already" in capsys.readouterr().err
 
 
-def test_the_command_tells_a_gain_and_what_makes_up_for_it(
+def test_the_command_warns_of_a_gain_and_names_the_scale_that_corrects_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     moved, tray, map_file = write_trial(tmp_path, noise=0.5)
     map_file.write_text(
         MAP.replace("goniometer_deg, unit: deg", "goniometer_deg, unit: deg, scale: 0.8")
     )
-    arguments = [
-        "align",
-        str(moved),
-        str(tray),
-        "--map",
-        str(map_file),
-        "--output",
-        str(tmp_path / "align.yaml"),
-    ]
-    assert main(arguments) == 0
-    told = re.search(r"angle\.scale ([0-9.]+) in the map", capsys.readouterr().err)
-    assert told
-    assert float(told[1]) == pytest.approx(1.0, abs=0.01)
+    assert run(f"align {moved} {tray} --map {map_file} --output {tmp_path}/align.yaml") == 0
+    warning = re.search(r"angle\.scale ([0-9.]+) in the map", capsys.readouterr().err)
+    assert warning
+    assert float(warning[1]) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -183,10 +174,7 @@ def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
     )
     write_csv(tray, {**cells(), "goniometer_deg": weight * cells()["goniometer_deg"]})
     overlay = tmp_path / "align.yaml"
-    assert (
-        main(["align", str(moved), str(tray), "--map", str(map_file), "--output", str(overlay)])
-        == 0
-    )
+    assert run(f"align {moved} {tray} --map {map_file} --output {overlay}") == 0
     text = overlay.read_text()
     said = re.search(r"live node.* knee.flexion_sign: (\S+), knee.flexion_offset: (\S+)\.\n", text)
     assert ("do not use this file for a live node" in text) == (live == ())
@@ -196,35 +184,18 @@ def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
         assert (sign, math.degrees(offset)) == (live[0], pytest.approx(live[1], abs=0.1))
 
 
-def test_a_map_without_a_reference_is_told(
+def test_a_map_without_a_reference_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, tray, map_file = write_trial(tmp_path)
     map_file.write_text("time: {column: time_s}\nangle: {column: goniometer_deg, unit: deg}\n")
-    assert (
-        main(
-            ["align", str(tray), "--map", str(map_file), "--output", str(tmp_path / "align.yaml")]
-        )
-        == 2
-    )
+    command = f"align {tray} --map {map_file} --output {tmp_path}/align.yaml"
+    assert run(command) == 2
     assert "reference: is missing" in capsys.readouterr().err
     write_csv(
         tmp_path / "r.csv",
         {"time_s": np.arange(500) / 100.0, "knee_flexion_deg": 100.0 * np.arange(500.0)},
     )
     map_file.write_text(MAP)
-    assert (
-        main(
-            [
-                "align",
-                str(tray),
-                str(tmp_path / "r.csv"),
-                "--map",
-                str(map_file),
-                "--output",
-                str(tmp_path / "a.yaml"),
-            ]
-        )
-        == 2
-    )
+    assert run(f"{command} {tmp_path}/r.csv") == 2
     assert "plausible is 0 to 180: is reference.unit right" in capsys.readouterr().err

@@ -15,11 +15,11 @@ from distributed import LocalCluster
 from SALib.test_functions import Ishigami
 
 import knee_contact_ros
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.sensitivity import SalibDesign, analyse, not_converged
 from knee_contact_ros.lab.sensitivity_study import SensitivityStudy
 from knee_contact_ros.lab.study_file import read_study
 from knee_contact_ros.system.files import share_folder
+from tests.helpers import commands
 from tests.helpers.bags import raw_messages, write_rosbag2
 
 CUBE = {name: [-math.pi, math.pi] for name in ("a", "b", "c")}
@@ -122,11 +122,11 @@ def test_failed_cases_constant_outcomes_and_noise_have_no_index() -> None:
         assert reason in refused.reason
 
 
-def test_what_has_not_converged_is_told() -> None:
+def test_indices_that_have_not_converged_are_reported() -> None:
     design = SalibDesign(n=16, ranges=CUBE)
-    told = not_converged(design, analyse(design, "peak_depth", ishigami(design)))
-    assert "not converged: the interval of the largest index" in told[0]
-    assert "may do" in told[0]
+    doubts = not_converged(design, analyse(design, "peak_depth", ishigami(design)))
+    assert "not converged: the interval of the largest index" in doubts[0]
+    assert "may do" in doubts[0]
     noisy = analyse(design, "peak_depth", ishigami(design), 0.5 * float(ishigami(design).std()))
     assert (
         "the numerical error bound is 50% of the standard deviation"
@@ -157,7 +157,7 @@ def short_bag(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path
     return write_rosbag2(tmp_path_factory.mktemp("bag") / "short", raw_messages(right_bag)[60:90])
 
 
-def asked(**sensitivity: Any) -> dict[str, Any]:
+def study_with(**sensitivity: Any) -> dict[str, Any]:
     """What a file says of the analysis."""
     return {"sensitivity": {"n": 8, "ranges": RANGES} | sensitivity}
 
@@ -171,10 +171,8 @@ def run(folder: Path, bag: Path, content: dict[str, Any], scheduler: str) -> int
         "outcomes": ["peak_depth"],
     }
     (folder / "study.yaml").write_text(json.dumps(usual | content))
-    output = str(folder / "out")
-    return main(
-        ["sensitivity", str(folder / "study.yaml"), "--output", output, "--scheduler", scheduler]
-    )
+    options = f"--output {folder}/out --scheduler {scheduler}"
+    return commands.run(f"sensitivity {folder}/study.yaml {options}")
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -186,18 +184,18 @@ def rows(folder: Path) -> list[dict[str, str]]:
 def test_a_study_gives_pictures_and_a_tidy_table(
     tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture
 ) -> None:
-    content = asked(n=16, second_order=True) | {"grid": {"load.share": [0.4, 1.0]}}
+    content = study_with(n=16, second_order=True) | {"grid": {"load.share": [0.4, 1.0]}}
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "sensitivity_peak_force.png").write_bytes(b"earlier")
     assert run(tmp_path, short_bag, content, scheduler) == 0
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     # Of two parameters, A with b is B with a
     assert (
         "192 cases: 128 computed, 0 were there already, 64 the same as others, 0 failed"
-        in told.out
+        in printed.out
     )
-    assert "peak depth, load.share 0.4: contact.layer_depth" in told.out
-    assert "warning: peak depth, load.share 0.4: not converged" in told.err
+    assert "peak depth, load.share 0.4: contact.layer_depth" in printed.out
+    assert "warning: peak depth, load.share 0.4: not converged" in printed.err
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"cases", "indices.csv", "sensitivity_peak_depth.png"}
     found = rows(tmp_path)
@@ -210,25 +208,27 @@ def test_a_study_gives_pictures_and_a_tidy_table(
     ):
         assert {row[name] for row in found} == values
     assert all(float(row["low"]) <= float(row["value"]) <= float(row["high"]) for row in found)
-    assert run(tmp_path, short_bag, content | asked(n=32, second_order=True), scheduler) == 0
+    assert run(tmp_path, short_bag, content | study_with(n=32, second_order=True), scheduler) == 0
     assert (
         "384 cases: 128 computed, 128 were there already, 128 the same" in capsys.readouterr().out
     )
-    assert run(tmp_path, short_bag, content | asked(method="morris"), scheduler) == 0
+    assert run(tmp_path, short_bag, content | study_with(method="morris"), scheduler) == 0
     assert {row["index"] for row in rows(tmp_path)} == {"mu_star", "mu", "sigma"}
 
 
-def test_cases_that_fail_are_told_and_too_many_leave_no_index(
+def test_failed_cases_are_reported_and_too_many_leave_no_index(
     tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture
 ) -> None:
     ranges = {"contact.femoral_radius": [0.03, 0.06], "contact.tibial_radius": [0.05, 0.09]}
-    content = asked(ranges=ranges) | {"values": QUICK | {"contact.stiffness_from": "material"}}
+    content = study_with(ranges=ranges) | {
+        "values": QUICK | {"contact.stiffness_from": "material"}
+    }
     assert run(tmp_path, short_bag, content, scheduler) == 1
-    told = capsys.readouterr()
-    assert " failed" in told.out
-    assert "cases have no value and spoil" in told.out
-    assert "so the rest is not a sample of the ranges" in " ".join(told.out.split())
-    assert "failed: parameter contact.tibial_radius" in " ".join(told.err.split())
+    printed = capsys.readouterr()
+    assert " failed" in printed.out
+    assert "cases have no value and spoil" in printed.out
+    assert "so the rest is not a sample of the ranges" in " ".join(printed.out.split())
+    assert "failed: parameter contact.tibial_radius" in " ".join(printed.err.split())
     assert rows(tmp_path) == []
     assert not list((tmp_path / "out").glob("*.png"))
 
@@ -238,31 +238,31 @@ def test_the_example_can_be_read() -> None:
     assert found.number == 4 * found.design.n * 8
 
 
-def also(name: str, told: Any) -> dict[str, Any]:
+def with_range(name: str, ends: Any) -> dict[str, Any]:
     """A further range."""
-    return asked(ranges=RANGES | {name: told})
+    return study_with(ranges=RANGES | {name: ends})
 
 
 @pytest.mark.parametrize(
     ("wrong", "line"),
     [
         (
-            asked(n=100),
+            study_with(n=100),
             "sensitivity.n: 100 is not allowed; with method sobol a power of two, 64 or 128",
         ),
         (
-            asked(method="morris", second_order=True),
+            study_with(method="morris", second_order=True),
             "second_order: True is not allowed; it is of method sobol",
         ),
-        (asked(ranges={"load.share": [0.4, 0.8]}), "sensitivity.ranges: {'load.share'"),
-        (also("load.share", [0.9, 0.4]), "is not allowed; from < to is required"),
+        (study_with(ranges={"load.share": [0.4, 0.8]}), "sensitivity.ranges: {'load.share'"),
+        (with_range("load.share", [0.9, 0.4]), "is not allowed; from < to is required"),
         (
-            also("fidelity.budget", [0, 9]),
+            with_range("fidelity.budget", [0, 9]),
             "fidelity.budget: a range is not allowed; only a real number can have one",
         ),
-        (asked() | {"sample": {"n": 8}}, "is not allowed; sensitivity draws its own points"),
+        (study_with() | {"sample": {"n": 8}}, "is not allowed; sensitivity draws its own points"),
         (
-            asked() | {"outcomes": ["peak_death"]},
+            study_with() | {"outcomes": ["peak_death"]},
             "['peak_death'] is not allowed; some of peak_force, peak_depth",
         ),
     ],
@@ -271,7 +271,7 @@ def test_bad_input_is_one_line(
     tmp_path: Path, short_bag: Path, wrong: dict[str, Any], line: str, capsys: Capture
 ) -> None:
     assert run(tmp_path, short_bag, wrong, "tcp://127.0.0.1:9") == 2
-    told = capsys.readouterr().err
-    assert line in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
     assert not list((tmp_path / "out").glob("*"))

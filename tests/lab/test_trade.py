@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import UsageError, load_model, solve
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.trade import (
     LEVELS,
     MEASURED_LEVELS,
@@ -23,6 +22,7 @@ from knee_contact_ros.lab.trade import (
 )
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.results import Results
+from tests.helpers.commands import run
 from tests.offline.test_solve import make_bag
 
 pytest.importorskip("matplotlib", reason="needs the extra trade")
@@ -149,19 +149,10 @@ def test_the_command_prints_a_table_and_a_sentence_and_draws(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "trade.png"
-    arguments = [
-        "trade",
-        str(right_bag),
-        "-p",
-        "femur.mass:=5.0",
-        "--worth",
-        "1e-4",
-        "--picture",
-        str(picture),
-    ]
-    assert main(arguments) == 0
-    printed, told = capsys.readouterr()
-    assert told == ""
+    options = f"-p femur.mass:=5.0 --worth 1e-4 --picture {picture}"
+    assert run(f"trade {right_bag} {options}") == 0
+    printed, errors = capsys.readouterr()
+    assert errors == ""
     for level in LEVELS.keys() - {"auto"}:
         assert printed.count(f" {level} ") == len(TOLERANCES) + (
             level in printed.partition("Take fidelity.level")[2]
@@ -169,7 +160,7 @@ def test_the_command_prints_a_table_and_a_sentence_and_draws(
     assert "Take fidelity.level quasi_static with fidelity.tolerance 0.0001: " in printed
     assert printed.endswith(f"Picture: {picture}\n")
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main(["trade", str(right_bag), "--remap", "joint_states"]) == 2
+    assert run(f"trade {right_bag} --remap joint_states") == 2
     assert capsys.readouterr().err.startswith("knee-contact: --remap 'joint_states': it must be")
 
 
@@ -180,11 +171,12 @@ def test_doubts_come_before_the_advice_and_damage_ends_with_1(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    bag, picture = tmp_path / "cut.mcap", ["--picture", str(tmp_path / "trade.png")]
+    bag = tmp_path / "cut.mcap"
+    picture = f"--picture {tmp_path}/trade.png"
     with monkeypatch.context() as patched:
         patched.setattr("sys.stderr", sys.stdout)
         bag.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
-        assert main(["trade", str(bag), "-p", "contact.stiffness:=2500.0", *picture]) == 1
+        assert run(f"trade {bag} -p contact.stiffness:=2500.0 {picture}") == 1
         said = capsys.readouterr().out
     assert said.index("knee-contact: warning: contact.stiffness") < said.index(
         "Take fidelity.level"
@@ -192,13 +184,13 @@ def test_doubts_come_before_the_advice_and_damage_ends_with_1(
     assert said.splitlines()[-1].startswith(
         f"knee-contact: bag {bag} is damaged, and solved as far as it can be read"
     )
-    assert main(["trade", str(sensors_bag), *picture]) == 2
+    assert run(f"trade {sensors_bag} {picture}") == 2
     assert (
         "; --remap joint_reaction_force:=TOPIC or --namespace NAME reads"
         in capsys.readouterr().err
     )
     one = make_bag(tmp_path / "one.mcap", [(0, 0.1, 800.0)])
-    assert main(["trade", str(one), *picture]) == 2
+    assert run(f"trade {one} {picture}") == 2
     assert (
         capsys.readouterr().err
         == f"knee-contact: bag {one}: only one tick could be computed, but errors need at least two\n"

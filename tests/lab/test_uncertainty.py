@@ -132,7 +132,7 @@ def test_numbers_and_percents(tmp_path: Path) -> None:
         (DISPLACED, "axial_load", 10.0, "axial_load is not allowed; with drive displacement"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_line(
+def test_wrong_deviations_are_refused_in_a_line(
     params: dict[str, Any], name: str, size: Any, said: str
 ) -> None:
     with pytest.raises(UsageError, match=f"^uncertainty: .*{re.escape(said)}"):

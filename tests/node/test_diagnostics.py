@@ -8,20 +8,14 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.diagnostics import ERROR, OK, STALE, WARN, Health
+from knee_contact_ros.node.diagnostics import Health
 from knee_contact_ros.node.inputs import InputMeter
-from knee_contact_ros.node.session import Session
+from knee_contact_ros.node.problems import ERROR, OK, STALE, WARN
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.timeline import AngleSample, LoadSample
 
 MS = 1_000_000
-
-
-class Quiet(Session):
-    """A session that only counts."""
-
-    _publish = _described = None  # type: ignore[assignment]
 
 
 class Time:
@@ -34,7 +28,7 @@ class Time:
         monkeypatch.setattr("time.monotonic", lambda: self.now)
         monkeypatch.setattr("time.time", lambda: self.age)
         self.logged: list[str] = []
-        self.health = self.of({})
+        self.of({})
 
     def of(self, parameters: dict[str, Any]) -> Health:
         """Health of a node with these parameters."""
@@ -43,8 +37,8 @@ class Time:
         node: Any = SimpleNamespace(
             get_fully_qualified_name=lambda: "/knee", get_logger=lambda: log
         )
-        self.session = Quiet(node, read, self.paired)
-        return Health(self.session)
+        self.health = Health(node, read, self.paired)
+        return self.health
 
     def feed(self, stamps: range, ahead: int = 0) -> None:
         """Angles at stamps [ms], and forces with stamps that are so much later [ms]."""
@@ -62,11 +56,11 @@ class Time:
         for _ in range(number):
             self.now += period
             self.age = age
-            meter.count(0)
+            meter.count_message(0)
 
     def answer(self, status: int = 0, duration: float = 1e-4) -> None:
         """An answer that has come now."""
-        self.session.count(0, status, duration, 0.0)
+        self.health.counts.count_answer(0, status, duration, 0.0, self.health.parameters.deadline)
 
 
 @pytest.fixture
@@ -77,22 +71,22 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
 def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
     health = clock.health
     clock.feed(range(1000, 1100, 5))
-    _, values, problem = health.pairing()
+    _, values, problem = health.pairing_entry()
     assert (values["force ahead of angle [s]"], problem) == ("0.000", (OK, ""))
     clock.push_angle(1300)
     clock.feed(range(1100, 1200, 5))
-    assert health.pairing()[2] == (
+    assert health.pairing_entry()[2] == (
         WARN,
         "1 stamps fit neither the sample before nor the other topic",
     )
-    assert health.pairing()[2] == (OK, "")
+    assert health.pairing_entry()[2] == (OK, "")
     clock.feed(range(100, 200, 5))
     jumped = "stamps of joint_states have jumped; stamps of joint_reaction_force have jumped"
-    assert health.pairing()[2] == (WARN, jumped)
-    assert health.pairing()[2] == (OK, "")
+    assert health.pairing_entry()[2] == (WARN, jumped)
+    assert health.pairing_entry()[2] == (OK, "")
     clock.now += 5.0
     clock.feed(range(0, 50, 5))
-    health.pairing()
+    health.pairing_entry()
     assert [said.partition(";")[0].split()[-1] for said in clock.logged] == [
         "topic",
         "jumped",
@@ -107,7 +101,7 @@ def test_clocks_that_disagree_are_said_as_long_as_they_do(
 ) -> None:
     clock.feed(range(0, 500, 5), ahead=ahead)
     for _ in range(2):
-        _, _, (_, problem) = clock.health.pairing()
+        _, _, (_, problem) = clock.health.pairing_entry()
         assert f"stamps of joint_{first}" in problem.replace("reaction_", "")
         assert f"lie 0.150 s behind those of joint_{second}" in problem.replace("reaction_", "")
 
@@ -125,7 +119,7 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Ti
     ):
         for stamp in stamps:
             clock.push_angle(stamp)
-        _, values, problem = health.pairing()
+        _, values, problem = health.pairing_entry()
         assert problem == found
     assert values["angles not recorded"] == "30"
 
@@ -135,9 +129,9 @@ def test_a_timer_that_comes_late_shows_by_how_much_and_that_answers_are_late(clo
     late, waits = [], [0.0, 0.375, 0.125, 0.75, 0.125, 0.0625]
     for later in waits:
         clock.now += later
-        clock.session._note_timer()
+        health.counts.note_timer(0.125)
         clock.answer()
-        late.append(health.more("late", int(health.ticks()[1]["missed deadlines"])))
+        late.append(health.increase("late", int(health.ticks_entry()[1]["missed deadlines"])))
     assert late == [0, 1, 0, 1, 0, 0]
     assert clock.logged == ["the node is behind by up to 250 ms"]
 
@@ -167,7 +161,7 @@ def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
 def test_messages_and_ages_are_counted_and_a_pause_of_the_node_is_no_period(clock: Time) -> None:
     meter = InputMeter()
     clock.receive(meter, 3, 0.01)
-    meter.count(None)
+    meter.count_message(None)
     clock.now += 5.0
     meter.begin()
     clock.receive(meter, 2, 0.01, age=0.004)
@@ -180,7 +174,7 @@ def test_messages_and_ages_are_counted_and_a_pause_of_the_node_is_no_period(cloc
 @pytest.mark.parametrize("bit", [bit for bit in Status if bit])
 def test_usable_is_said_of_the_newest_answer(bit: Status, clock: Time) -> None:
     def said() -> tuple[str, str, bytes]:
-        _, values, (level, _) = clock.health.usability()
+        _, values, (level, _) = clock.health.usability_entry()
         return values["usable"], values["because"], level
 
     assert said() == ("false", "no answer yet", STALE)

@@ -11,7 +11,7 @@ import knee_contact_ros
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.types import Contact, ContactState
-from knee_contact_ros.node.contact_node import LENGTH, KneeMarkers
+from knee_contact_ros.node.marker_topic import METRES_PER_NEWTON, KneeMarkers
 from knee_contact_ros.streams.topics import typestore
 from knee_contact_ros.view.anatomy import PLATEAU_REACH, outlines_of
 from knee_contact_ros.view.colours import STATE_COLOURS
@@ -33,7 +33,7 @@ FEMUR, TIBIA, POINT, FORCE = (
 
 
 def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]:
-    data = markers.encode(answer.stamp, frame_id, answer.tobytes())
+    data = markers.encode_markers(answer.stamp, frame_id, [answer.tobytes()])
     message: Any = typestore().deserialize_cdr(data, "visualization_msgs/msg/MarkerArray")
     assert {marker.header.frame_id for marker in message.markers} == {frame_id}
     assert len({marker.ns for marker in message.markers}) == len(message.markers) == 4
@@ -73,12 +73,12 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
             assert markers[FORCE].action == 0
             assert (begin == point).all()
             assert np.linalg.norm(end - begin) == pytest.approx(
-                LENGTH * answer.contact_force, rel=1e-9
+                METRES_PER_NEWTON * answer.contact_force, rel=1e-9
             )
             force = np.array(
                 [answer.contact_wrench.force.x, answer.contact_wrench.force.y, 0.0]
             )  # on the tibia
-            assert end - begin == pytest.approx(-LENGTH * force, rel=1e-9, abs=1e-12)
+            assert end - begin == pytest.approx(-METRES_PER_NEWTON * force, rel=1e-9, abs=1e-12)
         else:
             assert markers[FORCE].action == 2
 

@@ -89,7 +89,8 @@ def test_of_a_value_that_is_set_twice_at_once_the_last_one_counts(
         list[float](),
     )
     parameters.user = SimpleNamespace(
-        check=id, retune=lambda _, changed: taken.extend(changed.values())
+        pipeline=SimpleNamespace(check_retune=id),
+        retune=lambda _, changed: taken.extend(changed.values()),
     )  # type: ignore[assignment]
     changes = [Parameter("femur.mass", value=value) for value in given]
     assert parameters._on_set(changes).successful

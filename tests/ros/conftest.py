@@ -8,8 +8,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,14 @@ sys.exit(main())
 """A program: the command where modules are not installed"""
 
 
+def flagged(arguments: Sequence[str]) -> Iterator[str]:
+    """Put `-p` before each parameter."""
+    for before, word in pairwise(("", *arguments)):
+        if ":=" in word and before not in ("-p", "-r"):
+            yield "-p"
+        yield word
+
+
 class NodeProcess:
     """`knee-contact node`, or another command that runs one, with its output."""
 
@@ -98,12 +107,14 @@ class NodeProcess:
         kind: str = "node",
         anew: bool = False,
     ) -> None:
-        """`largest_file` [B] makes the disk look full, `without` modules look absent; `kind` is the command.
+        """Give it parameters as `name:=value`, and other arguments after their flags.
+
+        `largest_file` [B] makes the disk look full, `without` modules look absent; `kind` is the command.
 
         It is forked, unless it is to begin `anew`: modules may read environment variables when they are imported.
         """
         words, limited = (
-            [*kind.split(), "--ros-args", *arguments],
+            [*kind.split(), "--ros-args", *flagged(arguments)],
             largest_file != resource.RLIM_INFINITY,
         )
         self.process: Forked | subprocess.Popen[str]

@@ -40,7 +40,7 @@ class Running:
     """A node that lives through all of the faults, and what it must have refused so far."""
 
     def __init__(self) -> None:
-        self.process = NodeProcess("-p", "use_sim_time:=true", "-p", f"pairing.wait:={WAIT}")
+        self.process = NodeProcess("use_sim_time:=true", f"pairing.wait:={WAIT}")
         self.refused: Counter[str] = Counter()
         self.unusable = 0
         """Answers that nothing must be controlled by"""

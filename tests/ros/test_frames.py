@@ -58,7 +58,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
         raw=True,
     )
     recording = tmp_path / "live.mcap"
-    node = start_node("-p", "frame.tibia:=shank_isb", "-p", f"record.path:={recording}")
+    node = start_node("frame.tibia:=shank_isb", f"record.path:={recording}")
     peer.wait_for_node()
     peer.wait_until(lambda: told)  # where the tibia frame lies in the robot's own
     assert told == [isb_transform("shank_isb")]
@@ -116,7 +116,7 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
         messages.DynamicJointState, "dynamic_joint_states", QoSProfile(depth=1000)
     )
     node = start_node(
-        "-p", "knee.source:=dynamic_joint_states", "-p", f"record.path:={tmp_path / 'live.mcap'}"
+        "knee.source:=dynamic_joint_states", f"record.path:={tmp_path / 'live.mcap'}"
     )
     peer.wait_until(publisher.get_subscription_count)
     peer.wait_until(peer.force.get_subscription_count)

@@ -27,7 +27,7 @@ MILLISECOND = 1_000_000
 
 
 def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    node = start_node("-p", "autostart:=false", "-p", f"record.path:={tmp_path / 'first.mcap'}")
+    node = start_node("autostart:=false", f"record.path:={tmp_path / 'first.mcap'}")
 
     def set_parameter(name: str, value: object) -> tuple[bool, str]:
         return set_parameters(peer, {name: value})
@@ -86,7 +86,7 @@ def test_time_may_have_gone_anywhere_while_the_node_was_inactive(
     peer: Peer, start_node: Start
 ) -> None:
     """Forces before the last tick are answered from rest, and said so; by no angle of before, if forces come first."""
-    start_node("-p", "pairing.wait:=5.0")
+    start_node("pairing.wait:=5.0")
     peer.wait_for_node()
     begins = (10**10, 5 * 10**9, 0)
     for number, begin in enumerate(begins):
@@ -116,7 +116,7 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(
     peer: Peer, start_node: Start
 ) -> None:
     override = "qos_overrides./joint_states.subscription.depth"
-    node = start_node("-p", "autostart:=false", "-p", f"{override}:=seven")
+    node = start_node("autostart:=false", f"{override}:=seven")
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     assert not change_state(peer, Transition.TRANSITION_ACTIVATE)
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
@@ -133,7 +133,7 @@ def test_forces_that_wait_are_answered_before_the_streams_are_left(
 ) -> None:
     """At a reset, when the node is deactivated and when it ends; one recording goes through all of it."""
     recording = tmp_path / "all.mcap"
-    node = start_node("-p", "pairing.wait:=10.0", "-p", f"record.path:={recording}")
+    node = start_node("pairing.wait:=10.0", f"record.path:={recording}")
     peer.wait_for_node()
 
     def leave_one_waiting(stamp: int) -> None:

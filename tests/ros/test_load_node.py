@@ -86,11 +86,10 @@ def leg() -> Iterator[LegPeer]:
 
 def arguments(values: dict[str, Any]) -> list[str]:
     """The same parameters on a command line."""
-    said = {
-        name: str(value).lower() if isinstance(value, bool) else value
+    return [
+        f"{name}:={str(value).lower() if isinstance(value, bool) else value}"
         for name, value in values.items()
-    }
-    return [word for name, value in said.items() for word in ("-p", f"{name}:={value}")]
+    ]
 
 
 def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:

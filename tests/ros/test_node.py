@@ -76,9 +76,7 @@ def test_without_the_events_executor_or_numba_the_node_gives_the_same(
 ) -> None:
     """Older rclpy lack the executor, which is said once; nobody needs Numba where the library is installed."""
     recording = tmp_path / "out.mcap"
-    node = start_node(
-        "-p", f"record.path:={recording}", without="numba,rclpy.experimental", anew=True
-    )
+    node = start_node(f"record.path:={recording}", without="numba,rclpy.experimental", anew=True)
     peer.wait_for_node()
     assert_bits_of_python(peer, "healthy")
     assert trigger(peer, "stop_recording")[0]
@@ -114,7 +112,7 @@ def test_simulated_time_stamps_the_diagnostics_and_nothing_else(
     peer: Peer, start_node: Start
 ) -> None:
     """At first it stands still, which does not stop the node."""
-    start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
+    start_node("use_sim_time:=true", "pairing.wait:=0.2")
     peer.wait_for_node()
     peer.send(0, 0.2, 1000.0)
     peer.send_force(STEP, 1000.0)
@@ -203,15 +201,11 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(
     recording, redone, scene = (
         tmp_path / name for name in ("live.mcap", "redone.mcap", "knee.rrd")
     )
-    shown = ("-p", "rerun.mode:=file", "-p", f"rerun.path:={scene}") if HAS_VIEWER else ()
+    shown = ("rerun.mode:=file", f"rerun.path:={scene}") if HAS_VIEWER else ()
     node = start_node(
-        "-p",
         "load.compartment:=both",
-        "-p",
         "load.share:=0.6",
-        "-p",
         "lateral.contact.damping:=900.0",
-        "-p",
         f"record.path:={recording}",
         *shown,
     )
@@ -265,7 +259,7 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(
 def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     """As SIGINT and SIGTERM do, by which other tests end their nodes."""
     recording = tmp_path / "bag" / "bag_0.mcap"
-    node = start_node("-p", f"record.path:={recording}", anew=True)
+    node = start_node(f"record.path:={recording}", anew=True)
     peer.wait_for_node()
     peer.send_series()
     peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
@@ -299,7 +293,7 @@ def test_a_node_that_builds_the_model_ends_without_a_library(
     """At the moment when its second child has begun, which builds; the first one records."""
     package = copy_of_the_package(tmp_path / "copy")
     monkeypatch.chdir(package.parent)
-    node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
+    node = start_node(f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
     process, begun = psutil.Process(node.process.pid), list[psutil.Process]()
     while len(begun) < 2:
         assert node.process.poll() is None

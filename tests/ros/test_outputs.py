@@ -57,7 +57,7 @@ def test_a_killed_node_leaves_a_complete_recording(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:
     """The recorder outlives it by as long as it takes to complete the file."""
-    node = start_node("-p", f"record.path:={tmp_path}/out.mcap")
+    node = start_node(f"record.path:={tmp_path}/out.mcap")
     peer.wait_for_node()
     walk(peer, 0, 100)
     (child,) = children(node)
@@ -74,7 +74,7 @@ def test_outputs_that_die_or_stall_cost_no_answer(
 ) -> None:
     recording, scene = tmp_path / "out.mcap", tmp_path / "out.rrd"
     given = f"record.path:={recording}", "rerun.mode:=file", f"rerun.path:={scene}"
-    node = start_node(*(word for rule in given for word in ("-p", rule)))
+    node = start_node(*given)
     peer.wait_for_node()
     walk(peer, 0, 20)
     outputs = children(node)
@@ -172,9 +172,7 @@ def test_each_recording_may_have_a_folder_of_its_own(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:
     """So `metadata.yaml` of one life, or of one start of a recording, names all files of that one."""
-    node = start_node(
-        "-p", f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "-p", "pairing.wait:=0.2"
-    )
+    node = start_node(f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "pairing.wait:=0.2")
     peer.wait_for_node()
     walk(peer, 0, 20)
     assert trigger(peer, "stop_recording")[0]
@@ -194,11 +192,8 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(
 ) -> None:
     """Without a recorder: what a ring in memory holds, with parameters and resets, is solved again to the same bits."""
     given = [
-        "-p",
         f"record.path:={tmp_path / 'knee.mcap'}",
-        "-p",
         "record.snapshot:=0.5",
-        "-p",
         "pairing.wait:=5.0",
     ]
     node = start_node(*given)
@@ -253,7 +248,7 @@ def test_a_recording_whose_folder_is_removed_ends_and_not_the_node(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:
     folder = tmp_path / "bag"
-    node = start_node("-p", f"record.path:={folder}/knee.mcap")
+    node = start_node(f"record.path:={folder}/knee.mcap")
     peer.wait_for_node()
     wait_until((folder / "knee.mcap.partial").exists)
     walk(peer, 0, 20)

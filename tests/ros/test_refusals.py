@@ -170,11 +170,8 @@ def test_what_is_wrong_ends_the_node_at_once(found: list[tuple[int, str]], numbe
 
 def test_a_node_without_rerun_tells_what_to_install(start_node: Start, tmp_path: Path) -> None:
     arguments = [
-        "-p",
         f"record.path:={tmp_path / 'new.mcap'}",
-        "-p",
         "rerun.mode:=file",
-        "-p",
         "rerun.path:=x.rrd",
     ]
     code, output = start_node(*arguments, without="rerun_cli").end()

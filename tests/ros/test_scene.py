@@ -49,7 +49,7 @@ def stand_still(place: str) -> None:
 def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: Start) -> None:
     """One that stands still takes nothing from its socket any more; what is kept for it is bounded."""
     port = free_port()
-    node = start_node("-p", "rerun.mode:=serve", "-p", f"rerun.port:={port}")
+    node = start_node("rerun.mode:=serve", f"rerun.port:={port}")
     peer.wait_for_node()
     assert listeners(psutil.Process(node.process.pid)) == {LOOPBACK}
     walk(peer, 0, 400)  # nobody looks
@@ -78,7 +78,7 @@ def test_a_window_is_opened_and_may_be_ended(
     peer: Peer, start_node: Start, hidden_screen: None
 ) -> None:
     port = free_port()
-    node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")
+    node = start_node("rerun.mode:=spawn", f"rerun.port:={port}")
     peer.wait_for_node()
     walk(peer, 0, 100)
     with window_of(psutil.Process(node.process.pid), 99 * 5_000_000) as viewer:
@@ -106,11 +106,8 @@ def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
         rules = [word for rule in remaps for word in ("-r", rule)]
         start_node(
             *rules,
-            "-p",
             "rerun.mode:=serve",
-            "-p",
             f"rerun.port:={port}",
-            "-p",
             "rerun.knees:=left,right",
         )
     peer.wait_until(

@@ -71,14 +71,14 @@ def offered_names(peer: Peer, node: str) -> dict[str, set[str]]:
 @pytest.mark.parametrize(
     ("node", "kind", "force", "more"),
     [
-        (Parameters.node, "node", "/joint_reaction_force", ("-p", "load.compartment:=both")),
+        (Parameters.node, "node", "/joint_reaction_force", ("load.compartment:=both",)),
         (LoadParameters.node, "load", "/ground_reaction_force", ()),
     ],
 )
 def test_the_policy_is_what_the_node_has(
     peer: Peer, start_node: Start, node: str, kind: str, force: str, more: tuple[str, ...]
 ) -> None:
-    start_node("-p", "use_sim_time:=true", *more, kind=kind)
+    start_node("use_sim_time:=true", *more, kind=kind)
     peer.wait_until(lambda: node in peer.node.get_node_names())
     peer.wait_until(lambda: {"/joint_states", force} <= offered_names(peer, node)["subscribe"])
     peer.spin(0.5)

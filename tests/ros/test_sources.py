@@ -107,12 +107,11 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
     kind, topics = ROBOTS[robot]
     live, offline = tmp_path / "live.mcap", tmp_path / "offline.mcap"
     to = publishers(peer, topics)
-    wait = ["-p", "knee_contact:pairing.wait:=5.0"]
+    wait = ["knee_contact:pairing.wait:=5.0"]
     node = start_node(
         "--params-file",
         f"{robot}.yaml",
         *wait,
-        "-p",
         f"knee_contact:record.path:={live}",
         kind=kind,
     )
@@ -138,7 +137,7 @@ def test_messages_without_a_stamp_get_that_of_their_arrival(peer: Peer, start_no
         FORCE[0]: (FORCE[1][0], lambda t, *rest: FORCE[1][1](time.time_ns(), *rest)),
     }
     to = publishers(peer, topics)
-    start_node("-p", "knee.source:=/angle std_msgs/Float64 data on arrival")
+    start_node("knee.source:=/angle std_msgs/Float64 data on arrival")
     peer.wait_until(lambda: all(each.get_subscription_count() for each in to.values()))
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
 

@@ -23,7 +23,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.contact_node import encode_stride
+from knee_contact_ros.node.stride_topic import encode_stride
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.messages import WrenchStamped as Wrench
@@ -110,13 +110,9 @@ def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(
 def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     """Standard overrides, for inputs and outputs; whoever cannot be heard by a reliability that is given is named."""
     node = start_node(
-        "-p",
         "qos_overrides./joint_states.subscription.reliability:=reliable",
-        "-p",
         "qos_overrides./joint_states.subscription.depth:=7",
-        "-p",
         "qos_overrides./joint_states.subscription.reliabilty:=best_effort",
-        "-p",
         "qos_overrides./knee_contact.publisher.reliability:=best_effort",
     )
     peer.wait_for_node()
@@ -157,9 +153,7 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
 
 def test_what_makes_no_sense_and_what_is_late_is_told(peer: Peer, start_node: Start) -> None:
     """A stiffness in N/mm^1.5: in the log, in /diagnostics and in the ticks' status; an angle that does not come."""
-    node = start_node(
-        "-p", "contact.stiffness:=2500", "-p", "deadline:=0.05", "-p", "pairing.wait:=0.3"
-    )
+    node = start_node("contact.stiffness:=2500", "deadline:=0.05", "pairing.wait:=0.3")
     peer.wait_for_node()
     for i in range(10):
         peer.send(i * 10 * MS, 0.2, 800.0)
@@ -190,9 +184,7 @@ def test_what_makes_no_sense_and_what_is_late_is_told(peer: Peer, start_node: St
 
 def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> None:
     """By the frontal moment: 43.75 N m between compartments 70 mm apart move 625 N from one to the other."""
-    node = start_node(
-        "-p", "load.compartment:=moment_balance", "-p", "diagnostics.load_deviation:=0.1"
-    )
+    node = start_node("load.compartment:=moment_balance", "diagnostics.load_deviation:=0.1")
     peer.wait_for_node()
     for i, moment in enumerate((0.0, 43.75, -43.75)):
         peer.send_angle(i * 5 * MS, 0.2)
@@ -231,7 +223,7 @@ def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> N
 def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(
     peer: Peer, start_node: Start
 ) -> None:
-    node = start_node("-p", "contact.law:=two_layer_viscoelastic")
+    node = start_node("contact.law:=two_layer_viscoelastic")
     peer.wait_for_node()
     names = list(
         call(
@@ -289,14 +281,11 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(
     strides: list[JointState] = []
     peer.node.create_subscription(JointState, "knee_contact/stride", strides.append, 10)
     weight = [
-        "-p",
         f"body_weight:={BODY_WEIGHT}",
-        "-p",
         "load.compartment:=total",
-        "-p",
         "pairing.wait:=5.0",
     ]
-    node = start_node("-p", f"record.path:={tmp_path / 'live.mcap'}", *weight)
+    node = start_node(f"record.path:={tmp_path / 'live.mcap'}", *weight)
     peer.wait_for_node()
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact/stride"))
     peer.spin(0.5)  # the node sees the subscription
@@ -420,7 +409,7 @@ def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> N
 
 
 def test_each_mistake_is_told_live(peer: Peer, start_node: Start) -> None:
-    start_node("-p", "pairing.wait:=5.0")
+    start_node("pairing.wait:=5.0")
     peer.wait_for_node()
     right: Columns = gait()
     walk(peer, *right)

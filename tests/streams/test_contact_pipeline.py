@@ -16,7 +16,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.types import FLAT, ROW, Rows
+from knee_contact_ros.model.types import FLAT, ROW, Rows, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
@@ -162,6 +162,16 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     assert found == pytest.approx(moment.tolist(), abs=ROUNDINGS * 0.025 * float(total.max()))
     assert set(medial["contact_point"]["z"]) == {-0.025}
     assert set(lateral["contact_point"]["z"]) == {0.025}
+
+
+def test_a_recording_that_begins_in_a_motion_is_unknown_at_first() -> None:
+    """Of a node that had answered before; what it had computed until then is not known."""
+    pipeline = quick_pipeline([])
+    pipeline.resume_recording(ticks_before=1)
+    _, (rows,) = one_by_one(pipeline)
+    unknown = rows["status"] & Status.NOT_CONVERGED != 0
+    assert unknown[0]
+    assert rows["error_estimate"][0] == pipeline.model.plausible_depth
 
 
 def test_a_recording_of_both_is_computed_again_from_itself(

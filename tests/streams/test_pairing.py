@@ -200,6 +200,7 @@ PAIRS = {
     "between two angles": ("a10=1 l12 a20=2", "12=1.2", {}),
     "before every angle": ("l1 l5 a5", "5J", {"no_angle_before": 1}),
     "at the end": ("a5 l6 l7 .", "6=5H 7=5H", {}),
+    "the largest gap": ("a0 l0 l50 a100 l100 l200 .", "0 50 100 200=100H", {}),
     "a gap at the end": ("a0 l0 a50 l50 l200 a300 .", "0 50 200=50HS", {}),
     "doubled and late": (
         "a0 l0 l0 a0 a10 a5 l10 l8",

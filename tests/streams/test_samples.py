@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.joint_reaction.leg import Joints
+from knee_contact_ros.model.knee import LARGEST_LOAD
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import GroundForce, LoadParameters
-from knee_contact_ros.parameters.schema import KneeSection
+from knee_contact_ros.parameters.schema import KneeSection, Parameters
 from knee_contact_ros.streams.contact_pipeline import angle_sample, load_sample
 from knee_contact_ros.streams.load_pipeline import (
     LARGEST_TORQUE,
@@ -55,6 +56,10 @@ def height(message: JointState) -> Any:
 
 def assisted(message: JointState) -> Any:
     return leg(ASSISTED, message)
+
+
+SPACING = Parameters().load.compartment_spacing
+"""[m]"""
 
 
 def by_moment(message: WrenchStamped) -> Any:
@@ -152,6 +157,15 @@ REFUSED: list[tuple[Callable[[Any], Any], Any, str, str]] = [
         for stamp in (-1, 2**31 * 10**9)
     ),
     (by_moment, force(-10.0, torque=(1e9, 0.0, 0.0)), "out_of_range", "makes a load of"),
+    *(
+        (
+            by_moment,
+            force(-0.8 * LARGEST_LOAD, torque=(sign * 0.7 * LARGEST_LOAD * SPACING, 0.0, 0.0)),
+            "out_of_range",
+            "makes a load of",
+        )
+        for sign in (-1, 1)  # beyond the limit is the medial load, or the lateral one
+    ),
     (by_moment, force(-10.0, torque=(math.nan, 0.0, 0.0)), "not_finite", "torque.x is nan"),
     (assisted, state(knee=0.1, ankle=0.2), "joint_missing", "no joint 'hip'; it has knee, ankle"),
     (

@@ -16,9 +16,8 @@ def test_the_command_is_one_that_works_here(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The package is in no index: its name would be somebody else's."""
-    monkeypatch.setattr(
-        files, "share_folder", lambda: ROOT
-    )  # that of an installed package is not its sources'
+    # The share folder of an installed package is not that of its sources.
+    monkeypatch.setattr(files, "share_folder", lambda: ROOT)
     monkeypatch.setattr(sys, "prefix", str(ROOT / ".venv"))
     told = not_installed("jinja2", "report")
     assert told == f"jinja2 is not installed; in {ROOT}: .venv/bin/uv pip install -e '.[report]'"

@@ -92,9 +92,8 @@ def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(
     for polygon in picture[:5]:
         assert np.isfinite(polygon).all()
         assert crossings(polygon) == 0
-        assert (
-            np.hypot(*np.diff(polygon, axis=0, append=polygon[:1]).T).max() < 0.06
-        )  # no side leaps over the knee
+        # No side leaps over the knee.
+        assert np.hypot(*np.diff(polygon, axis=0, append=polygon[:1]).T).max() < 0.06
     bones, covers = (
         (picture.femur_bone, picture.tibia_bone),
         (picture.femur_cartilage, picture.tibia_cartilage),
@@ -191,9 +190,8 @@ def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfac
 
 
 def test_what_is_drawn_is_as_deep_as_it_says() -> None:
-    posed = picture_of(
-        load_model(["healthy", "osteoarthritis"]), 0.1, 0.034 - 0.7e-3
-    )  # a circle on a plane
+    # A circle on a plane.
+    posed = picture_of(load_model(["healthy", "osteoarthritis"]), 0.1, 0.034 - 0.7e-3)
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
     assert np.ptp(posed.overlap[:, 1]) == pytest.approx(0.7e-3, abs=1e-5)
     deep = magnified_overlap(posed, np.inf, 0.5e-3)

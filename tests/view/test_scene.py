@@ -14,7 +14,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros import load_model
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.results import FIRST_DATE
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view import layout, plots
@@ -109,9 +109,8 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
         )
     }
     assert leg["thigh"] == pytest.approx(1e-3 * place, abs=1e-8)
-    assert leg["contact_force_on_femur"][:, :2] == pytest.approx(
-        5e-3 * arrow, abs=3e-8
-    )  # 0.1 m for a kN
+    # 0.1 m for a kN.
+    assert leg["contact_force_on_femur"][:, :2] == pytest.approx(5e-3 * arrow, abs=3e-8)
     # There is something to see in every one of them.
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
@@ -152,9 +151,8 @@ def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: 
         column(path, f"/knee/sagittal/{name}", "Points2D:positions").reshape(2, 2)
         for name in ("contact_force", "contact_point")
     )
-    assert words[0] == pytest.approx(
-        point[0]
-    )  # words stand below their places: in the tibia, not in the gap
+    # Words stand below their places: in the tibia, not in the gap.
+    assert words[0] == pytest.approx(point[0])
     assert words[1, 1] < point[1, 1] - 700.0 / 50.0  # N per mm; the screen's y points down
 
 
@@ -183,10 +181,9 @@ def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> 
 
 
 def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
-    (drawing, rows), near = (
-        knee,
-        {"rel": 1e-12},
-    )  # the same arithmetic in another order: a few roundings of 1e-16
+    drawing, rows = knee
+    # The same arithmetic in another order: a few roundings of 1e-16.
+    near = {"rel": 1e-12}
     curves = {
         plot.path: column(drawn, f"/knee/curves/{plot.path}")
         for plot in (*KNEE_PLOTS, *DETAIL_PLOTS, *SOLVER_PLOTS)
@@ -309,7 +306,7 @@ def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_
     knee: Knee, tmp_path: Path
 ) -> None:
     """A timeline has one kind of time: it is not known before."""
-    (drawing, rows), today = knee, DATES_FROM * 5
+    (drawing, rows), today = knee, FIRST_DATE * 5
     dated = at(rows, today + rows["stamp"])
     path = written(tmp_path / "knee.rrd", drawing, [("reset", {"tick": "0"}), dated])
     assert [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")] == dated[
@@ -377,9 +374,8 @@ def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, f
             frame.y[0]
             < -1e3 * to_tibia_frame(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
         )
-    assert (frame.y[1] - frame.scale[1]) / (
-        frame.y[1] - frame.y[0]
-    ) > 0.05  # below the marks, where their words stand
+    # Below the marks, where their words stand.
+    assert frame.y[1] - frame.scale[1] > 0.05 * (frame.y[1] - frame.y[0])
 
 
 def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:

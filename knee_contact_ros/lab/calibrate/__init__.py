@@ -25,7 +25,7 @@ from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.parameters.files import load_parameters, parameter_text
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.results import Results, no_such
+from knee_contact_ros.results import Results, missing_attribute
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, require, split_rule
@@ -100,7 +100,7 @@ class Calibration:
         return self.values | self.also
 
     def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
+        raise missing_attribute(self, name)
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())

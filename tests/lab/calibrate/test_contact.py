@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import UsageError, calibrate, load_model
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.calibrate.contact_problem import read_measured
 from knee_contact_ros.parameters.files import values_set_in
+from tests.helpers.commands import run
 from tests.lab.calibrate.trials import FINE, START, TRUE, answers, inputs, trial, written
 
 STIFFNESS, DAMPING = FREE = ["contact.stiffness", "contact.damping"]
@@ -25,12 +25,8 @@ def fitted(
     return calibrate(table, "healthy", free, {**START, **(values or {})}, compiled=True, **options)
 
 
-def run(*arguments: object) -> int:
-    return main(["calibrate", *map(str, arguments)])
-
-
-def told(found: Any, *words: str) -> bool:
-    """Whether a warning holds all these words."""
+def warns(found: Any, *words: str) -> bool:
+    """Whether a warning has all these words."""
     return any(all(each in warning for each in words) for warning in found.warnings)
 
 
@@ -84,7 +80,7 @@ def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
     for size, words in ((3e-5, "too wide"), (1e-6, "too narrow")):
         found = fitted(table, [STIFFNESS], true, sigma={"penetration_depth": size})
         assert found.noise == {"penetration_depth": size}
-        assert told(found, "times the given noise", words)
+        assert warns(found, "times the given noise", words)
 
 
 def test_outliers_move_a_robust_fit_less() -> None:
@@ -153,9 +149,11 @@ def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_heigh
     ("least", "most", "advice"),
     [(690.0, 710.0, "cannot tell them apart"), (20.0, 2000.0, "never one of them alone")],
 )
-def test_a_trade_off_is_told_and_how(least: float, most: float, advice: str) -> None:
+def test_parameters_that_trade_off_lead_to_a_warning_that_says_how(
+    least: float, most: float, advice: str
+) -> None:
     found = fitted(trial(7, least=least, most=most), [STIFFNESS, "contact.exponent"], TRUE)
-    assert told(
+    assert warns(
         found,
         "contact.stiffness and contact.exponent trade off: contact.stiffness 10 % up with",
         advice,
@@ -163,42 +161,34 @@ def test_a_trade_off_is_told_and_how(least: float, most: float, advice: str) -> 
     assert found.correlation[0, 1] > 0.95
 
 
-def test_open_intervals_ends_of_ranges_and_what_a_model_cannot_describe_are_told() -> None:
+def test_open_intervals_ends_of_ranges_and_correlated_residuals_lead_to_warnings() -> None:
     found = fitted(
         trial(8, noise=2e-5), {STIFFNESS: None, DAMPING: (1.0, 20000.0)}, {DAMPING: 4000.0}
     )
     assert holds(found, DAMPING, 4000.0)
     noisier = fitted(trial(8, noise=3e-4), {DAMPING: (1.0, 6000.0)}, TRUE)
     assert noisier.intervals[DAMPING][2:] == (True, True)
-    assert told(noisier, "contact.damping is not bounded by the data below or above")
+    assert warns(noisier, "contact.damping is not bounded by the data below or above")
     # Residuals that are correlated from sample to sample: the damping is held at a wrong value
-    assert told(
+    assert warns(
         fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "correlated from sample to sample"
     )
     at_end = fitted(trial(9), {STIFFNESS: (8e7, 1e8)}, {DAMPING: 4000.0})
-    assert told(at_end, "the fit lies at the end of its range, 8e+07")
+    assert warns(at_end, "the fit lies at the end of its range, 8e+07")
 
 
 def test_the_command_writes_parameters_that_others_take(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table, output = written(tmp_path / "trial.csv", trial(1)), tmp_path / "fitted.yaml"
-    start = [f"-p{name}:={value}" for name, value in START.items()]
-    arguments = (
-        table,
-        *start,
-        "--free",
-        STIFFNESS,
-        "--free",
-        f"{DAMPING}=100:20000",
-        "--output",
-        output,
-    )
-    assert run(*arguments) == 0
-    said = capsys.readouterr()
+    start = " ".join(f"-p {name}:={value}" for name, value in START.items())
+    free = f"--free {STIFFNESS} --free {DAMPING}=100:20000"
+    command = f"calibrate {table} {start} {free} --output {output}"
+    assert run(command) == 0
+    printed = capsys.readouterr()
     for words in ("95 % interval", DAMPING, "penetration_depth: RMS", f"Parameters: {output}"):
-        assert words in said.out
-    assert "warning" not in said.err
+        assert words in printed.out
+    assert "warning" not in printed.err
     values = values_set_in(output)
     assert values[STIFFNESS] == pytest.approx(7e7, rel=0.01)
     assert set(values) == set(FREE)
@@ -206,125 +196,70 @@ def test_the_command_writes_parameters_that_others_take(
     assert f"# Data: trial.csv, sha256 {hashlib.sha256(table.read_bytes()).hexdigest()}." in text
     assert "healthy.yaml, contact.stiffness 90000000.0" in text
     assert load_model(["healthy", output]).law.layers[0].damping == values[DAMPING]
-    assert run(*arguments) == 2
+    assert run(command) == 2
     assert "exists already" in capsys.readouterr().err
-    assert (
-        run(
-            *arguments,
-            "--overwrite",
-            "--no-intervals",
-            "--sigma",
-            "penetration_depth=3e-6",
-            "--loss",
-            "huber",
-        )
-        == 0
-    )
+    options = "--overwrite --no-intervals --sigma penetration_depth=3e-6 --loss huber"
+    assert run(f"{command} {options}") == 0
     assert "noise given: 3e-06 m" in capsys.readouterr().out
     assert not list(tmp_path.glob("*.partial"))
 
 
-FREE_DAMPING = ["--free", DAMPING]
-WRONG_OPTIONS = [
-    (["--free", "contact.stifness"], "did you mean contact.stiffness?"),
-    (
-        ["--free", "contact.law"],
-        "--free contact.law: it is not a parameter that can be fitted to ",
-    ),
-    (["--free", "tibia.radius"], "--free tibia.radius: around 0.095 it changes no measured value"),
-    (["--free", "load.share"], "around 0.5 it changes no measured value (penetration_depth)"),
-    (
-        ["--free", "contact.damping=9:1"],
-        "range 9:1 is not allowed; two increasing numbers within 0 to 1e+09",
-    ),
-    (
-        ["--free", "contact.damping=1:10"],
-        "it starts from 5000, outside of 1 to 10; give another value or range",
-    ),
-    ([*FREE_DAMPING, *FREE_DAMPING], "--free contact.damping: it is given twice"),
-    (
-        [*FREE_DAMPING, "--sigma", "gap=1e-6"],
-        "--sigma gap: it was not measured; measured are penetr",
-    ),
-    (
-        [*FREE_DAMPING, "--sigma", "penetration_depth=-1"],
-        "it must be COLUMN=NUMBER, the number > 0",
-    ),
-    (
-        [*FREE_DAMPING, "-p", "drive:=displacement"],
-        "has no column femoral_height, which drive displ",
-    ),
-    ([*FREE_DAMPING, "--namespace", "left"], "a table has columns, and no topics"),
-]
-DAMAGED_TABLES = [
-    (GOOD, "its columns must be equally long, with one sample or more"),
-    (GOOD + "0,0,100,1e-4\n", "1 values can be fitted, for 1 parameters"),
-    (
-        GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n",
-        "column time must increase, by a nanosecond or more; row 2 does not",
-    ),
-    (f"{GOOD}s,rad,kN,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says kN of column load, and it must be in N"),
-    (
-        f"{GOOD}s,rad,N,mm\n0,0,1,1e-4\n1,0,1,1e-4\n",
-        "says mm of column penetration_depth, and it must be in m",
-    ),
-    (f"{GOOD}ms,rad,N,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says ms of column time, and it must be in s"),
-    (
-        GOOD + "0,0,,1e-4\n1,0,100,1e-4\n",
-        "column load is nan in row 1; an input must be known at every sample",
-    ),
-    (
-        GOOD + "0,0,100,inf\n1,0,100,1e-4\n",
-        "column penetration_depth is inf in row 1; allowed are numbers",
-    ),
-    (GOOD + "0,0,100,\n1,0,100,\n", "column penetration_depth is empty; leave it out"),
-    (GOOD + "0,0,1e7,1e-4\n1,0,100,1e-4\n", "must not exceed 10 rad and 1e+06 N"),
-    (
-        "time,flexion_angle,load\n0,0,100\n",
-        "nothing is measured in it; one or more of the columns penetration_d",
-    ),
-    (
-        "time,flexion_angle,penetration_depth\n0,0,1e-4\n",
-        "it has no column load, which drive force needs",
-    ),
-    (
-        "time,flexion_angle,load,penetration_dept\n0,0,1,1\n",
-        "penetration_dept is not known; did you mean penetra",
-    ),
-    (
-        "time,flexion_angle,load,load,gap\n0,0,1,1,1\n",
-        "has 2 columns load; their names must differ",
-    ),
-    (
-        "time,flexion_angle,load,axial_load,gap\n0,0,1,1,1\n",
-        "columns load and axial_load are both there",
-    ),
-]
+WRONG_OPTIONS = {
+    "--free contact.stifness": "did you mean contact.stiffness?",
+    "--free contact.law": "--free contact.law: it is not a parameter that can be fitted to ",
+    "--free tibia.radius": "--free tibia.radius: around 0.095 it changes no measured value",
+    "--free load.share": "around 0.5 it changes no measured value (penetration_depth)",
+    f"--free {DAMPING}=9:1": "range 9:1 is not allowed; two increasing numbers within 0 to 1e+09",
+    f"--free {DAMPING}=1:10": "it starts from 5000, outside of 1 to 10; give another value or range",
+    f"--free {DAMPING} --free {DAMPING}": "--free contact.damping: it is given twice",
+    f"--free {DAMPING} --sigma gap=1e-6": "--sigma gap: it was not measured; measured are penetr",
+    f"--free {DAMPING} --sigma penetration_depth=-1": "it must be COLUMN=NUMBER, the number > 0",
+    f"--free {DAMPING} -p drive:=displacement": "has no column femoral_height, which drive displ",
+    f"--free {DAMPING} --namespace left": "a table has columns, and no topics",
+}
+INPUTS = "time,flexion_angle"
+DAMAGED_TABLES = {
+    GOOD: "its columns must be equally long, with one sample or more",
+    f"{GOOD}0,0,100,1e-4\n": "1 values can be fitted, for 1 parameters",
+    f"{GOOD}0,0,100,1e-4\n0,0,100,1e-4\n": "time must increase, by a nanosecond or more; row 2 does",
+    f"{GOOD}s,rad,kN,m\n0,0,1,1e-4\n1,0,1,1e-4\n": "says kN of column load, and it must be in N",
+    f"{GOOD}s,rad,N,mm\n0,0,1,1e-4\n1,0,1,1e-4\n": "says mm of column penetration_depth, and it must",
+    f"{GOOD}ms,rad,N,m\n0,0,1,1e-4\n1,0,1,1e-4\n": "says ms of column time, and it must be in s",
+    f"{GOOD}0,0,,1e-4\n1,0,100,1e-4\n": "column load is nan in row 1; an input must be known at ev",
+    f"{GOOD}0,0,100,inf\n1,0,100,1e-4\n": "column penetration_depth is inf in row 1; allowed are",
+    f"{GOOD}0,0,100,\n1,0,100,\n": "column penetration_depth is empty; leave it out",
+    f"{GOOD}0,0,1e7,1e-4\n1,0,100,1e-4\n": "must not exceed 10 rad and 1e+06 N",
+    f"{INPUTS},load\n0,0,100\n": "nothing is measured in it; one or more of the columns penetration_d",
+    f"{INPUTS},penetration_depth\n0,0,1e-4\n": "it has no column load, which drive force needs",
+    f"{INPUTS},load,penetration_dept\n0,0,1,1\n": "is not known; did you mean penetra",
+    f"{INPUTS},load,load,gap\n0,0,1,1,1\n": "has 2 columns load; their names must differ",
+    f"{INPUTS},load,axial_load,gap\n0,0,1,1,1\n": "columns load and axial_load are both there",
+}
 
 
 @pytest.mark.parametrize(
-    ("arguments", "content", "reason"),
-    [(options, None, reason) for options, reason in WRONG_OPTIONS]
-    + [(FREE_DAMPING, *case) for case in DAMAGED_TABLES],
+    ("options", "content", "reason"),
+    [(options, None, reason) for options, reason in WRONG_OPTIONS.items()]
+    + [(f"--free {DAMPING}", *case) for case in DAMAGED_TABLES.items()],
 )
-def test_what_is_wrong_is_told_in_one_line(
+def test_wrong_options_and_damaged_tables_are_one_line(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
+    options: str,
     content: str | None,
     reason: str,
 ) -> None:
     table = written(tmp_path / "trial.csv", trial(1))
     if content is not None:
         table.write_text(content, encoding="latin-1")
-    assert run(table, "--output", tmp_path / "fitted.yaml", *arguments) == 2
+    assert run(f"calibrate {table} --output {tmp_path}/fitted.yaml {options}") == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert reason in line
     assert content is None or "trial.csv" in line
     assert list(tmp_path.iterdir()) == [table]
 
 
-def test_a_unit_that_is_not_known_is_told(tmp_path: Path) -> None:
+def test_an_unknown_unit_leads_to_a_warning(tmp_path: Path) -> None:
     table = tmp_path / "trial.csv"
     table.write_text(f"{GOOD}sec,Radians,widgets,M\n0,0,1,1e-4\n1,0,1,1e-4\n")
     with pytest.warns(

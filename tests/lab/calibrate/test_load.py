@@ -10,17 +10,15 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import UsageError, calibrate, estimate_load
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.calibrate import bags_in
 from knee_contact_ros.parameters.files import load_parameters, values_set_in
 from knee_contact_ros.parameters.load_schema import LoadParameters
+from tests.helpers.commands import run
 from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, trial, write_sensors
 
-AXIAL, TONE = "axial_force", "person.tone"
-
-
-def run(*arguments: object) -> int:
-    return main(["calibrate", *map(str, arguments)])
+AXIAL = "axial_force"
+TONE = "person.tone"
+BODY_OPTIONS = " ".join(f"-p {name}:={value}" for name, value in BODY.items())
 
 
 def fitted(bag: Path, free: Any = FREE, *params: Any, **options: Any) -> Any:
@@ -66,7 +64,7 @@ def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str)
     assert f"level {level}" in found.remarks[0]
 
 
-def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
+def test_each_of_several_bags_is_left_out_and_the_gain_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Bags of one person whose noise differs: the file tells the error in a bag that was not fitted to."""
@@ -78,13 +76,13 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
     assert found.measured.number == 400
     assert found.values == pytest.approx(TRUE, rel=0.1)
     alone = [fitted(bag, with_intervals=False) for bag in reversed(bags)]
-    told = [line for line in found.remarks if "constants of the other bags" in line]
-    for bag, others, line in zip(bags, alone, told, strict=True):
+    remarks = [line for line in found.remarks if "constants of the other bags" in line]
+    for bag, others, line in zip(bags, alone, remarks, strict=True):
         loads = estimate_load(bag, [BODY, others.to_parameters()])[AXIAL]
         reference = fitted(bag, [TONE], with_intervals=False).measured.answers[AXIAL]
         error = float(np.sqrt(np.mean((loads - reference) ** 2))) / WEIGHT
         assert line.startswith(f"bag {bag.name}: {error:.3f} body weights")
-    left_out = [float(line.split(": ")[1].split(" ")[0]) for line in told]
+    left_out = [float(line.split(": ")[1].split(" ")[0]) for line in remarks]
     assert found.also["standard_deviation"] == pytest.approx(
         np.sqrt(np.mean(np.square(left_out))), abs=1e-3
     )
@@ -94,24 +92,15 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
     )
     table = tmp_path / "table.csv"
     table.write_text("time,flexion_angle\n0,0\n", encoding="utf-8")
-    words = ["--free", "person.tone", "--output", tmp_path / "me.yaml"]
-    assert (
-        run(
-            *bags,
-            "--no-intervals",
-            *words,
-            *(f"-p{name}:={value}" for name, value in BODY.items()),
-        )
-        == 0
-    )
+    both = f"calibrate {bags[0]} {bags[1]}"
+    options = f"--free person.tone --output {tmp_path}/me.yaml"
+    assert run(f"{both} --no-intervals {options} {BODY_OPTIONS}") == 0
     assert "constants of the other bags" in capsys.readouterr().out
-    assert run(bags[0], bags[1], bags[0], *words, "--overwrite") == 2
+    assert run(f"{both} {bags[0]} {options} --overwrite") == 2
     assert "are the same: each bag is left out in turn" in capsys.readouterr().err
-    assert run(bags[0], table, *words) == 2
-    assert (
-        "table.csv: it is not a bag; several bags can be given, but only one table"
-        in capsys.readouterr().err
-    )
+    assert run(f"calibrate {bags[0]} {table} {options}") == 2
+    error = "table.csv: it is not a bag; several bags can be given, but only one table"
+    assert error in capsys.readouterr().err
     assert [*map(bags_in, ("a.mcap", "a.db3.partial", "a.mcap.csv"))] == [
         [Path("a.mcap")],
         [Path("a.db3.partial")],
@@ -128,7 +117,9 @@ def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
     assert found.intervals["person.height"].low < 1.75 < found.intervals["person.height"].high
 
 
-def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> None:
+def test_standing_still_determines_one_number_and_a_warning_names_what_trades_off(
+    tmp_path: Path,
+) -> None:
     bag = trial(tmp_path, 2, standing=True)
     all_three = fitted(bag, with_intervals=False)
     pair = fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35}, with_intervals=False)
@@ -136,7 +127,7 @@ def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> N
     assert any(
         each.startswith(words) and "cannot tell them apart" in each for each in pair.warnings
     )
-    # Of three that make one number two directions are free, and any two of them may be told.
+    # Of three that make one number two directions are free, and any two of them may be named.
     trades = [
         each
         for each in all_three.warnings
@@ -174,11 +165,10 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, output = trial(tmp_path, 4, correlation=0.8), tmp_path / "me.yaml"
-    words = [f"-p{name}:={value}" for name, value in BODY.items()] + [
-        f"--free={name}" for name in FREE
-    ]
-    assert run(bag, "--params", "load/insole", *words, "--starts", 1, "--output", output) == 0
-    said = capsys.readouterr()
+    free = " ".join(f"--free {name}" for name in FREE)
+    command = f"calibrate {bag} --params load/insole {BODY_OPTIONS} {free} --starts 1"
+    assert run(f"{command} --output {output}") == 0
+    printed = capsys.readouterr()
     for part in (
         "95 % interval",
         "person.co_contraction",
@@ -186,11 +176,11 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
         "body weights, r 0.9",
         "400 fitted",
     ):
-        assert part in said.out
-    assert re.search(
-        r"warning: axial_force: the residuals are correlated .*: 400 samples count as \d+, and",
-        said.err,
+        assert part in printed.out
+    warning = (
+        r"warning: axial_force: the residuals are correlated .*: 400 samples count as \d+, and"
     )
+    assert re.search(warning, printed.err)
     parameters = load_parameters(["load/insole", str(output)], LoadParameters)
     assert parameters.calibrated
     assert 0.05 < parameters.standard_deviation < 0.15  # 60 N of 686 N
@@ -207,148 +197,96 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
         "# Standard_deviation is the RMS error on these data; on another trial of the same person",
     ):
         assert part in text
-    assert (
-        main(
-            [
-                "estimate-load",
-                str(bag),
-                "--params",
-                str(output),
-                "--output",
-                str(tmp_path / "out.mcap"),
-            ]
-        )
-        == 0
-    )
+    assert run(f"estimate-load {bag} --params {output} --output {tmp_path}/out.mcap") == 0
     assert "fitted to this person's knee" in capsys.readouterr().out
 
 
 def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = trial(tmp_path, 5, topic="/implant/force")
-    words = (
-        "--free",
-        TONE,
-        "--starts",
-        1,
-        "--no-intervals",
-        "--output",
-        tmp_path / "me.yaml",
-        "--overwrite",
-    )
-    assert run(bag, *words) == 2
-    assert "has no topic /joint_reaction_force" in (said := capsys.readouterr().err)
-    assert (
-        "its topics: /ground_reaction_force, /implant/force, /joint_states; --remap joint_reaction_force:="
-        in said
-    )
-    assert run(bag, *words, "--remap", "joint_reaction_force:=/implant/force") == 0
+    options = f"--free {TONE} --starts 1 --no-intervals --output {tmp_path}/me.yaml --overwrite"
+    assert run(f"calibrate {bag} {options}") == 2
+    error = capsys.readouterr().err
+    assert "has no topic /joint_reaction_force" in error
+    topics = "/ground_reaction_force, /implant/force, /joint_states"
+    assert f"its topics: {topics}; --remap joint_reaction_force:=" in error
+    remap = "--remap joint_reaction_force:=/implant/force"
+    assert run(f"calibrate {bag} {options} {remap}") == 0
     found = fitted(
         bag, [TONE], remap={"joint_reaction_force": "/implant/force"}, with_intervals=False
     )
     assert found.values[TONE] > 0.0
     (tmp_path / "left").mkdir()
     bag = trial(tmp_path / "left", 5, namespace="/left")
-    assert run(bag, *words) == 2
+    assert run(f"calibrate {bag} {options}") == 2
     assert "or --namespace NAME" in capsys.readouterr().err
-    assert run(bag, *words, "--namespace", "left") == 0
+    assert run(f"calibrate {bag} {options} --namespace left") == 0
 
 
 def test_an_estimate_of_our_own_is_no_reference(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_sensors(tmp_path / "sensors.mcap", 200)
-    assert main(["estimate-load", str(bag), "--output", str(tmp_path / "loads.mcap")]) == 0
-    assert (
-        run(
-            tmp_path / "loads.mcap",
-            "--free",
-            TONE,
-            "--starts",
-            1,
-            "--output",
-            tmp_path / "me.yaml",
-        )
-        == 0
-    )
-    assert (
-        "the bag also has /load_estimate: its /joint_reaction_force is likely an estimate"
-        in capsys.readouterr().err
-    )
+    loads = tmp_path / "loads.mcap"
+    assert run(f"estimate-load {bag} --output {loads}") == 0
+    options = f"--free {TONE} --starts 1 --output {tmp_path}/me.yaml"
+    assert run(f"calibrate {loads} {options}") == 0
+    warning = "has /load_estimate: its /joint_reaction_force is likely an estimate"
+    assert warning in capsys.readouterr().err
 
 
 WHOLE = {EPOCH + STEP * place: 500.0 for place in range(150)}
+FREE_ALL = " ".join(f"--free {name}" for name in FREE)
 CASES = [
-    (None, FREE, [], "joint_states; --remap joint_reaction_force:=TOPIC names a measured"),
+    (None, FREE_ALL, "joint_states; --remap joint_reaction_force:=TOPIC names a measured"),
     (
         {EPOCH - STEP: 500.0, EPOCH - 2 * STEP: 500.0},
-        FREE,
-        [],
+        FREE_ALL,
         "no sample can be fitted to the reference (150 without a reference)",
     ),
     (
         {EPOCH: float("nan"), EPOCH + STEP: float("inf")},
-        FREE,
-        [],
+        FREE_ALL,
         "no message on /joint_reaction_force can be a reference (2 not_finite)",
     ),
     (
         {EPOCH + STEP: 500.0},
-        FREE,
-        [],
+        FREE_ALL,
         "1 values can be fitted, for 3 parameters; more are needed than parameters are free",
     ),
-    (WHOLE, ["person.ton"], [], "trial.mcap; did you mean person.tone?"),
+    (WHOLE, "--free person.ton", "trial.mcap; did you mean person.tone?"),
+    (WHOLE, "--free contact.stiffness", "it is not a parameter that can be fitted to bag"),
+    (WHOLE, "", "Missing option '--free'"),
     (
         WHOLE,
-        ["contact.stiffness"],
-        [],
-        "--free contact.stiffness: it is not a parameter that can be fitted to bag",
-    ),
-    (WHOLE, [], [], "Missing option '--free'"),
-    (
-        WHOLE,
-        [TONE],
-        ["--params", "healthy"],
+        f"--free {TONE} --params healthy",
         "no parameters for node knee_load; found /**/knee_contact",
     ),
     (
         WHOLE,
-        [TONE],
-        ["-p", "person.ton:=1"],
+        f"--free {TONE} -p person.ton:=1",
         "unknown parameter person.ton; did you mean person.tone?",
     ),
-    (
-        WHOLE,
-        [TONE],
-        ["-p", "knee.joint_name:=kne"],
-        "joint_states has no joint 'kne'; it has hip, knee, an",
-    ),
-    (
-        WHOLE,
-        [TONE],
-        ["--remap", "force:=/x"],
-        "FROM must be joint_states or ground_reaction_force or joint",
-    ),
+    (WHOLE, f"--free {TONE} -p knee.joint_name:=kne", "joint_states has no joint 'kne'; it has"),
+    (WHOLE, f"--free {TONE} --remap force:=/x", "FROM must be joint_states or ground_reaction_f"),
 ]
 
 
-@pytest.mark.parametrize(("reference", "free", "options", "reason"), CASES)
-def test_what_is_wrong_is_told_in_one_line(
+@pytest.mark.parametrize(("reference", "options", "reason"), CASES)
+def test_wrong_bags_and_options_are_one_line(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     reference: dict[int, float] | None,
-    free: list[str],
-    options: list[str],
+    options: str,
     reason: str,
 ) -> None:
     bag = write_sensors(tmp_path / "trial.mcap", 150, reference)
-    assert (
-        run(bag, "--output", tmp_path / "me.yaml", *(f"--free={name}" for name in free), *options)
-        == 2
-    )
+    assert run(f"calibrate {bag} --output {tmp_path}/me.yaml {options}") == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert reason in line
     assert list(tmp_path.iterdir()) == [bag]
-    if free == ["person.ton"]:
-        with pytest.raises(UsageError, match=r"^free person\.ton: it is not a parameter"):
-            calibrate(bag, None, free)
+
+
+def test_python_names_its_argument(tmp_path: Path) -> None:
+    bag = write_sensors(tmp_path / "trial.mcap", 150, WHOLE)
+    with pytest.raises(UsageError, match=r"^free person\.ton: it is not a parameter"):
+        calibrate(bag, None, ["person.ton"])

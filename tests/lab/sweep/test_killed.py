@@ -109,10 +109,10 @@ def test_a_killed_scheduler(
 
 def in_group(leader: int) -> list[str]:
     """Processes of a group that still run."""
-    told = subprocess.run(
+    listing = subprocess.run(
         ["/bin/ps", "-eo", "pgid,stat,pid"], capture_output=True, text=True, check=True
     ).stdout
-    rows = [line.split() for line in told.splitlines()[1:]]
+    rows = [line.split() for line in listing.splitlines()[1:]]
     return [
         pid for group, state, pid in rows if group == str(leader) and not state.startswith("Z")
     ]

@@ -126,7 +126,7 @@ def test_failed_cases_are_rows_with_a_reason(
     assert (numbers, missing) == ([3, 0, 2], f"2 of 3 cases failed: {found['failed'][0]}")
 
 
-def test_a_damaged_or_implausible_bag_is_told_and_a_recording_whose_parameters_are_not_used(
+def test_a_damaged_or_implausible_bag_and_unused_parameters_lead_to_warnings(
     right_bag: Path, address: str, tmp_path: Path, capfd: Capture
 ) -> None:
     (file,) = right_bag.glob("*.mcap")
@@ -145,12 +145,12 @@ def test_a_damaged_or_implausible_bag_is_told_and_a_recording_whose_parameters_a
         *warned, end = capfd.readouterr().err.splitlines()
         assert end.startswith(last)
         for bag, doubt in doubts.items():
-            told = [
+            warnings = [
                 line
                 for line in warned
                 if line.startswith(f"knee-contact: warning: bag {bag}: ") and doubt in line
             ]
-            assert len(told) == (bag == recorded or not again)
+            assert len(warnings) == (bag == recorded or not again)
     for bag, doubt in (
         doubts | {damaged: f"bag {damaged} is damaged, and solved as far as it can be read"}
     ).items():
@@ -216,7 +216,7 @@ def test_data_are_read_where_they_lie(right_bag: Path, address: str, tmp_path: P
 def test_workers_need_no_file_but_the_bag(
     config: Path, right_bag: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All names are relative to the client's folder, where no worker is; bag and output are told in full."""
+    """All names are relative to the client's folder, where no worker is; bag and output have their whole paths."""
     shutil.copytree(right_bag, tmp_path / "gait")
     for name in ("femur_medial.csv", "tibia_medial.csv"):
         shutil.copy(config / name, tmp_path / f"my_{name}")
@@ -267,7 +267,7 @@ def divide(_block: Any) -> float:
         ((study_cases, "MIN_BLOCK", 8), "nothing://out", UsageError, "output nothing://out: "),
     ],
 )
-def test_what_workers_cannot_do_is_told_in_a_line(
+def test_what_workers_cannot_do_is_one_line(
     patched: tuple[Any, str, Any],
     output: str,
     error: type[Exception],
@@ -324,9 +324,9 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(
         ),
     ):
         (out / name).write_bytes(content)
-        with pytest.raises(UsageError, match=said) as told:
+        with pytest.raises(UsageError, match=said) as raised:
             computed(asked, out, scheduler=address)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(raised.value)
         (out / name).unlink()
     (out / "_unfinished").write_bytes(whole[:100])  # of one that was killed
     assert computed(asked, out, scheduler=address)[1] > 0
