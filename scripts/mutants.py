@@ -224,8 +224,8 @@ MUTANTS = (
     Mutant(
         "an earlier parameter file wins",
         "parameters/files.py",
-        "merged, sections = merged | given, {}",
-        "merged, sections = given | merged, {}",
+        "before = merged = merged | given",
+        "before = merged = given | merged",
         "parameters",
     ),
     # From the laboratory

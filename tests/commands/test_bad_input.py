@@ -83,6 +83,12 @@ BAD_INPUT: dict[str, dict[str, str]] = {
     "calibrate": {"trial.csv --free contact.stiffness --output typo/fitted.yaml": NO_FOLDER},
     "sweep": {"nowhere.yaml --output out": "nowhere.yaml: cannot read the study"},
     "sensitivity": {"nowhere.yaml --output out": "nowhere.yaml: cannot read the study"},
+    "export": {
+        "healthy --output typo/out": NO_FOLDER,
+        "healthy --name 2nd --output out": "name '2nd' is no name in C",
+        "healthy -p drive:=displacement --output out": "drive displacement cannot be exported",
+        "nowhere --output out": "nowhere: cannot read the parameter file",
+    },
     "trade": {
         "{bag} --picture typo/trade.png": NO_FOLDER,
         "{bag} --picture x.pdf": "--picture x.pdf: its name must end with .png",

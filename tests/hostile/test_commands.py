@@ -31,7 +31,7 @@ COMMANDS = {
 """Arguments with which a command reads a bag"""
 READ_NO_BAG = {
     *("node", "load", "import-opensim", "import-csv", "align", "fit-profile"),
-    *("sweep", "sensitivity"),
+    *("sweep", "sensitivity", "export"),
 }
 OTHERWISE = [
     ("a chunk that hides ten gigabytes", "recover"),

@@ -184,22 +184,6 @@ def test_the_promised_digits_on_a_cortex_m7(exported: Exported, knee: str) -> No
     assert (code, said.startswith(f"{knee}: ")) == (0, True), said
 
 
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["healthy", "--name", "2nd"], "name '2nd' is no name in C"),
-        (["healthy", "-p", "drive:=displacement"], "drive displacement cannot be exported"),
-        (["nowhere"], "nowhere"),
-    ],
-)
-def test_what_cannot_be_exported_is_said(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], line: str
-) -> None:
-    assert main(["export", *arguments, "--output", str(tmp_path / "out")]) == 2
-    assert line in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_command_names_its_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     files = ["healthy", "both_compartments", "--output", str(tmp_path), "--name", "knee"]
     assert main(["export", *files]) == 0
