@@ -265,7 +265,8 @@ def _knees(
         if found != digest:
             raise UsageError(f"bag {place}: {_worker()} finds different content from the client's")
         texts = dict(files)
-        recording, _ = read_recording(path, parameters, file_texts(parameters, texts))
+        with Bag(path) as bag:
+            recording, _ = read_recording(bag, parameters, file_texts(parameters, texts))
         return Knees(recording, parameters, texts)
 
 

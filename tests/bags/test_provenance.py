@@ -22,11 +22,11 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.bags.recorder import BagWriter, FileLimits
 from knee_contact_ros.commands.main import knee_contact, main
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.offline import solve
 from tests.helpers.recordings_of import recording_with
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.answers import read_answers
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.view import picture
+from tests.helpers.offline import solve
 from tests.offline.test_solve import make_bag
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")

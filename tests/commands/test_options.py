@@ -16,7 +16,6 @@ from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.live import replay
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
@@ -24,6 +23,7 @@ from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES, 
 from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.commands import run
 from tests.helpers.needs import HAS_REPORT, needs_viewer
+from tests.helpers.offline import estimate_load
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 TOPICS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}

@@ -14,7 +14,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
@@ -22,6 +21,7 @@ from knee_contact_ros.streams.frames import FORCE_TURNED, TF_MESSAGE, TF_STATIC
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap, raw_messages
+from tests.helpers.offline import solve
 
 STEP = 5_000_000
 STAMPS = [1_000_000_000 + i * STEP for i in range(60)]

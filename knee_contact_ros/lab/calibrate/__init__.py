@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros import __version__
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.folder import MAGICS, files_of
 from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.calibrate import contact_problem, load_problem
@@ -285,7 +286,8 @@ def _problem(
     given = params or (() if bags else DEFAULT_PARAMETERS)
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if bags:
-        person = parameters_for(bags[0], sources, namespace, LoadParameters)
+        with Bag(bags[0]) as first:
+            person = parameters_for(first, sources, namespace, LoadParameters)
         unknowns = unknowns_of(free, load_problem.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:

@@ -18,12 +18,13 @@ from knee_contact_ros.lab.opensim.results import AXES, ImportSettings
 from knee_contact_ros.lab.opensim.run import run_python
 from knee_contact_ros.lab.opensim.setups import Setup, dynamics_setup, read_setup
 from knee_contact_ros.lab.tables import read_storage
-from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
+from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_opensim
+from tests.helpers.offline import estimate_load
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
 from tests.lab.opensim.test_leg import TOPICS
