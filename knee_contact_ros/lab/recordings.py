@@ -103,7 +103,7 @@ def recorded_doubt(bag: Bag) -> list[str]:
     return [f"it is a recording; {doubt}"]
 
 
-def recording_of(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
+def recording_from_arrays(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
     """Make a recording from arrays by name, see `sweep`.
 
     Raises:

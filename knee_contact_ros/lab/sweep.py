@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts
-from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
-from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_of
+from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
+from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_from_arrays
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.offline.bag_parameters import parameters_for
 from knee_contact_ros.offline.notebooks import Name, in_python_words, remap_rules, warn_of
@@ -79,7 +79,7 @@ class Cohort:
         columns: dict[str, Any] = dict(self.values)
         columns |= {name: self.outcomes[name] for name in OUTCOMES}
         if self.lateral is not None:
-            columns |= {LATERAL + name: self.lateral[name] for name in OUTCOMES}
+            columns |= {LATERAL_OUTCOME + name: self.lateral[name] for name in OUTCOMES}
         table = pd.DataFrame(columns | {"failed": self.failed})
         table.attrs["varied"] = list(self.values)
         return table
@@ -132,7 +132,7 @@ def sweep(
         files = dict[str, str]()
         if isinstance(gait, Mapping):
             parameters = load_parameters(params)
-            recording = recording_of(gait, parameters)
+            recording = recording_from_arrays(gait, parameters)
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
             with Bag(expand_user(str(gait))) as bag:
