@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.bag import ORIGIN, Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import stored_load
-from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs
@@ -25,7 +25,7 @@ from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED
 from knee_contact_ros.system.progress import OnProgress, no_progress
 
-ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(Estimate).items()])
+ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(LoadEstimateFields).items()])
 """Type of a stamp [ns] and an estimate as a row"""
 MESSAGES_PER_ADVANCE = 1000
 """Number of messages between two calls of `advance`"""
@@ -58,9 +58,9 @@ class LoadSummary(NamedTuple):
         return np.asarray(self.estimates["axial_force"])
 
     @property
-    def peak(self) -> Estimate:
+    def peak(self) -> LoadEstimateFields:
         """Estimate with the largest axial force."""
-        return Estimate(*self.estimates[self.axial.argmax()].item()[1:])
+        return LoadEstimateFields(*self.estimates[self.axial.argmax()].item()[1:])
 
     @property
     def flagged(self) -> Counter[str]:

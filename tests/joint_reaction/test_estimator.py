@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate, Estimator
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator, LoadEstimateFields
 from knee_contact_ros.joint_reaction.leg import (
     NOT_MEASURED,
     NOT_TURNING,
     Ground,
     Joints,
-    Motion,
+    LegMotion,
     MotionFilter,
     Turning,
     net_moments,
@@ -49,7 +49,9 @@ class EstimatorWithMotion:
     def __init__(self, level: str, *trust: Any) -> None:
         self.estimator, self.motion = Estimator(level, PERSON, *trust), MotionFilter(WINDOW)
 
-    def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
+    def at(
+        self, stamp: int, joints: Joints, sensed: Ground, status: int = 0
+    ) -> LoadEstimateFields:
         return self.estimator.estimate(
             stamp, joints, self.motion.add_angles(stamp, joints), sensed, status
         )
@@ -100,7 +102,7 @@ def test_the_weight_above_a_bent_knee_by_hand(
 def test_what_each_level_looks_at(draw: Random) -> None:
     joints, moving, sensed = angles(draw), motion(draw), ground(draw)
 
-    def by(level: str, joints: Joints, moving: Motion = moving, sensed: Ground = sensed) -> Any:
+    def by(level: str, joints: Joints, moving: LegMotion = moving, sensed: Ground = sensed) -> Any:
         """What is not a number, as a text."""
         return [
             each if math.isfinite(each) else "?"

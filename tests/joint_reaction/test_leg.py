@@ -18,7 +18,7 @@ from knee_contact_ros.joint_reaction.leg import (
     Ground,
     Joints,
     Leg,
-    Motion,
+    LegMotion,
     MotionFilter,
     NetMoments,
     leg_of,
@@ -70,7 +70,7 @@ def test_a_leg_of_100_kg_and_2_m() -> None:
     assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
 
-def by_lagrange(leg: Leg, joints: Joints, moving: Motion, under: Ground) -> Holds:
+def by_lagrange(leg: Leg, joints: Joints, moving: LegMotion, under: Ground) -> Holds:
     turning = (moving.hip, moving.flexion, moving.ankle)
     return Chain(leg).holds(
         np.array([joints.hip, joints.flexion, joints.ankle]),
@@ -120,7 +120,7 @@ def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(dra
     )
 
 
-def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
+def along(samples: Samples, window: float = WINDOW) -> list[LegMotion]:
     """At every sample of a stream."""
     told = MotionFilter(window)
     return [told.add_angles(*sample) for sample in samples]
@@ -131,7 +131,7 @@ def within(samples: Samples, span: int = SPAN) -> Samples:
     return [sample for sample in samples if samples[-1][0] - sample[0] <= span]
 
 
-def assert_fitted(found: Motion, samples: Samples, window: float = WINDOW) -> None:
+def assert_fitted(found: LegMotion, samples: Samples, window: float = WINDOW) -> None:
     """As by NumPy, about the middle of the stamps, but for rounding."""
     times = np.array([1e-9 * (stamp - samples[0][0]) for stamp, _ in samples])
     times -= times.mean()

@@ -14,7 +14,7 @@ from knee_contact_ros.bags.bag import Bag, RawMessage
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, FileLimits
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.output import SOURCE_DAMAGE
@@ -77,7 +77,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     pipeline, expected, told = (
         LoadPipeline(load_parameters(WHOLE_LEG, LoadParameters)),
         [],
-        list[Estimate](),
+        list[LoadEstimateFields](),
     )
     for answer in answers_to(pipeline, WALK):
         for topic, stamp, data in answer.records()[-2:]:

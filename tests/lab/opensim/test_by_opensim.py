@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.lab.opensim import Files, child, read_knee
 from knee_contact_ros.lab.opensim.results import AXES, ImportSettings
 from knee_contact_ros.lab.opensim.run import run_python
@@ -299,12 +299,14 @@ def moments(folder: Path) -> Path:
     return folder / setup.results / "moments.sto"
 
 
-def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[int, Estimate]]:
+def estimated(
+    bag: Path, config: Path, output: Path
+) -> tuple[LoadSummary, dict[int, LoadEstimateFields]]:
     """What there is to say of a bag's estimates, and these by their stamps [ns]."""
     parameters = load_parameters(
         [config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters
     )
-    estimates: dict[int, Estimate] = {}
+    estimates: dict[int, LoadEstimateFields] = {}
     return estimate_load(
         bag,
         parameters,
