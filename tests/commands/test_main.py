@@ -163,8 +163,8 @@ def test_the_other_recordings_of_a_bags_folder_are_named(
     shutil.copytree(right_bag, folder)
     shutil.copy(folder / "gait2354_right_0.mcap", folder / "later.mcap")
     assert run(f"solve {folder} --output {tmp_path}/out.mcap") == 0
-    told = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
-    assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {told}"
+    reported = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
+    assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {reported}"
 
 
 LOADED = """
@@ -173,7 +173,7 @@ knee_contact_ros.load_model(compiled=True).stream().tick(0.0, 0.3, 700.0)
 """
 
 
-def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]) -> None:
+def test_warm_compiles_for_other_processes(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("warm") == 0
     (line,) = capsys.readouterr().out.splitlines()
     folder = kernel.kept_files()[0].parent
@@ -187,7 +187,7 @@ def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().out == f"compiled already, in {folder}\n"
 
 
-def test_what_cannot_be_kept_is_no_success(
+def test_warm_fails_if_the_model_cannot_be_kept(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kernel, "kept_files", list)
@@ -195,7 +195,7 @@ def test_what_cannot_be_kept_is_no_success(
     assert "could not be compiled and kept in " in capsys.readouterr().err
 
 
-def test_without_a_home_one_line_says_what_is_missing(
+def test_warm_without_a_home_names_the_variable(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(compiler, "cache_folders", lambda _entry: [tmp_path])

@@ -27,7 +27,7 @@ from tests.lab.opensim.storages import kinematics, reactions
 COLUMNS = 80
 MODULES = (tables, terminal, trade)
 NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- |^Take ")
-"""Files, and what is said in whole lines"""
+"""Files, and what is printed in whole lines"""
 RULE = re.compile("─+")
 
 Print = Callable[[], object]
