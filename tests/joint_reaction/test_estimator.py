@@ -182,9 +182,9 @@ NO_HIP, NO_ANKLE, ALONE = (
 def test_what_is_not_known_is_not_a_number(
     level: str, joints: Joints, torque: Any, unknown: set[str]
 ) -> None:
-    told = EstimatorWithMotion(level)
+    estimator = EstimatorWithMotion(level)
     for number in range(100):
-        found = told.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
+        found = estimator.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
         if number in (0, 99):
             assert {
                 name for name, value in found._asdict().items() if math.isnan(value)
@@ -213,8 +213,8 @@ def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw
         curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2]
     )
     # Accelerations to 4e-9 rad/s^2 (`test_leg.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
-    told = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
-    assert told == pytest.approx(expected, abs=2e-8)
+    measured = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
+    assert measured == pytest.approx(expected, abs=2e-8)
 
 
 SECOND = 1000 * MS
