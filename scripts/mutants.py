@@ -190,14 +190,14 @@ MUTANTS = (
         "bags/recorder.py",
         "earlier = {topic: self.file.next_sequence(topic) for topic in self.file.channels}",
         "earlier = {topic: 0 for topic in self.file.channels}",
-        "bags/test_recorder.py",
+        "bags/test_split.py",
     ),
     Mutant(
         "a file is split a moment too late",
         "bags/recorder.py",
         "if span < limits.duration and",
         "if span <= limits.duration and",
-        "bags/test_recorder.py",
+        "bags/test_split.py",
     ),
     Mutant(
         "the present file is not synced to the disk",

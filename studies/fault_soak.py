@@ -216,7 +216,8 @@ class Again(NamedTuple):
 def again(recording: Path, firsts: Sequence[int]) -> Again:
     """Compute a recording again; `firsts` are the stamps [ns] with which stretches begin."""
     offline = recording.with_name("offline.mcap")
-    solve(recording, read_provenance(recording) or Parameters(), offline)
+    with Bag(recording) as bag:
+        solve(bag, read_provenance(bag) or Parameters(), offline)
     types = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
     answers = computed = compared = different = stretch = 0
     flags: list[Counter[str]] = [Counter() for _ in firsts]

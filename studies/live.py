@@ -24,6 +24,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 
 from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
@@ -115,7 +116,8 @@ def different_fields(folder: Path) -> list[str]:
     """Names of what `solve` of the walk `r.mcap` in a folder answers otherwise; `length` where it is too short."""
     recording = read_provenance(folder / "r.mcap")
     assert recording  # noqa: S101  (by `walk`)
-    solve(folder / "r.mcap", recording, folder / "o.mcap", compiled=False)
+    with Bag(folder / "r.mcap") as bag:
+        solve(bag, recording, folder / "o.mcap", compiled=False)
     live, again = (read_answers(folder / name) for name in ("r.mcap", "o.mcap"))
     for rows in (live, again):
         rows["status"] &= ~np.uint8(Status.INPUT_REJECTED)  # no refused sample is in a recording

@@ -24,7 +24,7 @@ from mcap.writer import Writer as McapWriter
 
 from benchmarks.latency.driver import samples
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.bags.bag import INPUT_TYPES
+from knee_contact_ros.bags.bag import INPUT_TYPES, Bag
 from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import blank_answers
@@ -70,7 +70,8 @@ def solve_blocks(bag: Path, output: Path) -> int:
     def advance(done: int, _total: int) -> None:
         told[0] = done
 
-    solve(bag, load_parameters(PARAMETERS), output / "out.mcap", advance)
+    with Bag(bag) as opened:
+        solve(opened, load_parameters(PARAMETERS), output / "out.mcap", advance)
     return told[0]
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import UsageError
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.lab.uncertainty import UncertainGait, Uncertainty, read_uncertain_gait
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import share_folder
@@ -113,7 +114,9 @@ def main(samples: int, output: Path) -> None:
     bag = share_folder() / "bags" / "gait2354_right"
     for name, files in KNEES.items():
         for size, deviations in SIZES.items():
-            gait = read_uncertain_gait(bag, load_parameters(files), deviations, compiled=True)
+            with Bag(bag) as opened:
+                parameters = load_parameters(files)
+                gait = read_uncertain_gait(opened, parameters, deviations, compiled=True)
             found = gait.propagate()
             linear = [found.medial, *([found.lateral] if found.lateral else [])]
             for which, one, (depth, force) in zip(

@@ -511,7 +511,8 @@ def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgr
     """Make the long run, and compute its recording again."""
     moments = run_long(driver, work, rate, ticks, advance)
     offline = work / "offline.mcap"
-    solve(work / "node" / RECORDING, load_parameters([PARAMETERS]), offline, advance)
+    with Bag(work / "node" / RECORDING) as bag:
+        solve(bag, load_parameters([PARAMETERS]), offline, advance)
     return soak_page(rate, moments, same_answers(work / "node" / RECORDING, offline))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import zip_longest
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
@@ -196,6 +196,7 @@ class Bag:
         ends = (chunk.times[1] for file in self.files for chunk in file.chunks)
         return 1 + max(ends, default=-1)
 
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of the file, or of the files of the bag in a folder."""
         return bag_digest(self.path, self.paths)

@@ -109,7 +109,7 @@ def provenance_record(
     record |= {CURVE + name: text for name, text in curves.items()}
     if source:
         record["source"] = source.path.name
-        record["source_sha256"] = source.digest()
+        record["source_sha256"] = source.digest
     return record
 
 

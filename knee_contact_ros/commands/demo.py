@@ -36,7 +36,7 @@ from knee_contact_ros.commands.replay import Replayer
 from knee_contact_ros.commands.tables import count_text, show_summary
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
+from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
@@ -203,7 +203,7 @@ def run_demo(
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
     joints = parameters.joints() | (load.joints() if load else {})
     with Bag(bag) as opened_bag:
-        check_joints(BagInputs(opened_bag, load or parameters, OWN_NAMES), joints)
+        BagInputs(opened_bag, load or parameters, OWN_NAMES).check_joints(joints)
         messages = list(opened_bag.select(types).raw_messages())
     needed = {f"knee_contact: {topic}" for topic in INPUTS}
     if load:
@@ -459,8 +459,10 @@ def assisted_rows(
     """Return rows that compare the contact, `most` [N], with that of the same bag without assistance, offline."""
     loads = work / "without_assistance.mcap"
     unassisted = load_parameters([load, {"knee.assisted": False}], LoadParameters)
-    estimate_load(bag, unassisted, loads)
-    alone = solve(loads, parameters, None).peaks["contact_force"].contact_force
+    with Bag(bag) as sensors:
+        estimate_load(sensors, unassisted, loads)
+    with Bag(loads) as estimated:
+        alone = solve(estimated, parameters, None).peaks["contact_force"].contact_force
     return {
         "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
         "largest contact": f"{alone:.1f} N without assistance, {most:.1f} N with it",

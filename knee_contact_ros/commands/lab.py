@@ -404,7 +404,7 @@ def trade(
     """
     from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.folder import files_of, others_beside
-    from knee_contact_ros.lab.trade import draw, measure, show
+    from knee_contact_ros.lab.trade import draw_trade, measure, show_trade
     from knee_contact_ros.offline.bag_parameters import basis_of, resolved_parameters, weight_doubt
     from knee_contact_ros.offline.notebooks import answers_of
 
@@ -423,8 +423,8 @@ def trade(
     warn([*others_beside(bag), *doubts, *summary.warnings])
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
-    show(found)
-    draw(found, picture)
+    show_trade(found)
+    draw_trade(found, picture)
     say(f"Picture: {picture}")
     if missing := summary.missing(bag):
         raise IncompleteError(missing)

@@ -15,7 +15,7 @@ from knee_contact_ros.joint_reaction.leg import (
     Ground,
     Joints,
     Leg,
-    Motion,
+    LegMotion,
     NetMoments,
     leg_of,
     net_moments,
@@ -36,7 +36,7 @@ class Level(IntEnum):
     ANKLE_MOMENT = 2
 
 
-Dynamics = Callable[[Leg, Joints, Motion, Ground], NetMoments]
+Dynamics = Callable[[Leg, Joints, LegMotion, Ground], NetMoments]
 """Computes the net moments at knee and ankle from the sensors; NaN stands for what it cannot know"""
 
 
@@ -75,7 +75,7 @@ _SWING_INERTIA = 0.5
 the other way. The two measured walkers' knee moments in swing fit 0.4 and 0.2, their loads 0.5"""
 
 
-def ground_force_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
+def ground_force_alone(leg: Leg, joints: Joints, motion: LegMotion, ground: Ground) -> NetMoments:
     """Compute the moment at the knee from the vertical ground force and the knee angle alone.
 
     The shank carries the ground force. Extensors hold up a body whose weight is above the foot while the knee is bent:
@@ -91,7 +91,7 @@ def ground_force_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground)
     return NetMoments(standing - swinging, NOT_MEASURED, vertical - leg.weight_below, NOT_MEASURED)
 
 
-def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
+def knee_moment_alone(leg: Leg, joints: Joints, motion: LegMotion, ground: Ground) -> NetMoments:
     """Compute the moment at the knee by inverse dynamics of foot and shank as one body; the calf's is unknown.
 
     The foot is at a right angle to the shank; where the hip is not measured, flat on the ground.
@@ -132,7 +132,7 @@ MAX_LOAD_PEAK = 8.0
 """Largest plausible load peak [BW]: the largest measured ones are about 6 in stumbling (OrthoLoad)"""
 
 
-def weight_doubt(weight: float) -> str:
+def body_weight_doubt(weight: float) -> str:
     """Return a sentence about a body weight [N] that is likely in kg; empty if it is not."""
     if weight >= MIN_BODY_WEIGHT:
         return ""
@@ -149,7 +149,7 @@ def is_implausible(joints: Joints, ground: Ground, axial: float, weight: float) 
     )
 
 
-class Estimate(NamedTuple):
+class LoadEstimateFields(NamedTuple):
     """Content of `LoadEstimate.msg` after the header: fields of the same names, order, types and units."""
 
     flexion_angle: float
@@ -171,7 +171,8 @@ class Estimate(NamedTuple):
 _STRUCT_CODES = {"float": "d", "int": "B", "bool": "?"}
 """Format characters of `struct` for the types of the fields"""
 ESTIMATE_STRUCT = struct.Struct(
-    "<" + "".join(_STRUCT_CODES[kind.__name__] for kind in get_type_hints(Estimate).values())
+    "<"
+    + "".join(_STRUCT_CODES[kind.__name__] for kind in get_type_hints(LoadEstimateFields).values())
 )
 """Layout of an estimate in CDR, where it begins at a multiple of 8 B"""
 
@@ -267,8 +268,8 @@ class Estimator:
         self._movement = Movement(person.weight)
 
     def estimate(
-        self, stamp: int, joints: Joints, motion: Motion, ground: Ground, status: int = 0
-    ) -> Estimate:
+        self, stamp: int, joints: Joints, motion: LegMotion, ground: Ground, status: int = 0
+    ) -> LoadEstimateFields:
         """Estimate the joint reaction at a stamp [ns]; `status` has the bits that are known already."""
         net = self._level.dynamics(self._leg, joints, motion, ground)
         reaction, status = self.react(stamp, joints, ground, net, status)
@@ -277,7 +278,7 @@ class Estimator:
         ):
             status |= BIT_DOUBTFUL_LOAD
         muscles, weight = reaction.muscles, self._person.weight
-        return Estimate(
+        return LoadEstimateFields(
             joints.flexion,
             reaction.axial,
             self._deviation.deviation_of(reaction.axial, weight),

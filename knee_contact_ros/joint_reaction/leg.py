@@ -156,7 +156,7 @@ class Turning(NamedTuple):
     """Angular acceleration [rad/s^2]"""
 
 
-class Motion(NamedTuple):
+class LegMotion(NamedTuple):
     """Angular velocities and accelerations of the leg's joints."""
 
     flexion: Turning
@@ -166,7 +166,7 @@ class Motion(NamedTuple):
 
 NOT_TURNING = Turning(0.0, 0.0)
 """Motion of a joint that is at rest, or of which too little is known"""
-MOTIONLESS = Motion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
+MOTIONLESS = LegMotion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
 
 
 class MotionFilter:
@@ -192,11 +192,11 @@ class MotionFilter:
         self._last = -1
         self._motion = MOTIONLESS
 
-    def motion_at(self, stamp: int) -> Motion:
+    def motion_at(self, stamp: int) -> LegMotion:
         """Return the motion at a stamp [ns] not before the last angles; still if these are too old by then."""
         return self._motion if stamp - self._last <= self._window else MOTIONLESS
 
-    def add_angles(self, stamp: int, joints: Joints) -> Motion:
+    def add_angles(self, stamp: int, joints: Joints) -> LegMotion:
         """Add the angles measured at a stamp [ns], and return the motion; still until there are enough samples.
 
         A stamp that is not later than the last one makes the filter forget all earlier angles.
@@ -226,7 +226,7 @@ class MotionFilter:
         self._motion = self._parabola(since / self._window) if known else MOTIONLESS
         return self._motion
 
-    def _parabola(self, time: NDArray[np.float64]) -> Motion:
+    def _parabola(self, time: NDArray[np.float64]) -> LegMotion:
         """Fit by polynomials that are orthogonal on the times, in windows: 1, t, and t^2 - tilt t - level."""
         time = time - time.sum() / len(time)
         spread = time @ time
@@ -240,7 +240,7 @@ class MotionFilter:
         for slope, curvature in zip(slopes.tolist(), curvatures.tolist(), strict=True):
             turning = Turning(slope / window, 2.0 * curvature / (window * window))
             motion.append(turning if math.isfinite(slope) else NOT_TURNING)
-        return Motion(*motion)
+        return LegMotion(*motion)
 
 
 class NetMoments(NamedTuple):
@@ -284,7 +284,7 @@ def inclination(joints: Joints) -> float:
     return joints.hip - joints.flexion if math.isfinite(joints.hip) else -joints.ankle
 
 
-def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
+def net_moments(leg: Leg, joints: Joints, motion: LegMotion, ground: Ground) -> NetMoments:
     """Solve the equations of motion of foot and shank for the moments and forces that hold them.
 
     Args:

@@ -49,7 +49,7 @@ NOTABLE_GAIN = 0.05
 """Deviation of the gain from 1 above which it is reported"""
 
 
-class Estimate(NamedTuple):
+class ValueWithInterval(NamedTuple):
     """Value with its confidence interval."""
 
     value: float
@@ -65,11 +65,11 @@ class Estimate(NamedTuple):
 class Alignment(NamedTuple):
     """Offset, lag and gain of an angle sensor against a reference."""
 
-    offset: Estimate
+    offset: ValueWithInterval
     """Offset to add to the sensor's angle [rad]"""
-    lag: Estimate
+    lag: ValueWithInterval
     """Time by which the sensor is late [s]"""
-    gain: Estimate
+    gain: ValueWithInterval
     """Ratio of the sensor's motion to that of the reference"""
     rows: int
     """Number of rows in common"""
@@ -103,7 +103,7 @@ def align(
     alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)
     text = overlay(alignment, sensor.columns, reference.columns, sensors.angle)
     write_complete({output: text.encode()})
-    show(alignment, output)
+    show_alignment(alignment, output)
     gain = alignment.gain.value
     least, most = alignment.gain.bounds
     # Offset and delay cannot correct a gain.
@@ -219,7 +219,7 @@ def aligned(
     )
     half = float(student.ppf(0.975, stretches - 1)) * error
     offset, lag, gain = (
-        Estimate(value, float(each)) for value, each in zip(whole, half, strict=True)
+        ValueWithInterval(value, float(each)) for value, each in zip(whole, half, strict=True)
     )
     if not 1.0 / MAX_GAIN <= gain.value <= MAX_GAIN:
         raise UsageError(
@@ -266,7 +266,7 @@ def _for_node(angle: AngleChannel, offset: float) -> list[str]:
     ]
 
 
-def show(alignment: Alignment, output: Path) -> None:
+def show_alignment(alignment: Alignment, output: Path) -> None:
     """Print the estimates with their intervals, and the correlation and difference before and after."""
     rows = []
     for name, estimate, factor, digits, parameter in (

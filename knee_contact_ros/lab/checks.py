@@ -18,7 +18,7 @@ from knee_contact_ros.joint_reaction.estimator import (
     MIN_BODY_WEIGHT,
     MIN_LOAD_PEAK,
     MIN_RANGE_OF_MOTION,
-    weight_doubt,
+    body_weight_doubt,
 )
 from knee_contact_ros.lab.tables import Table, TimeSeries
 from knee_contact_ros.lab.units import (
@@ -229,7 +229,7 @@ def gait_doubts(
             f"is {angle.name}.sign right, or has the sensor an offset ({angle.name}.offset, or knee-contact align)? "
             "The included angle has sign: -1, offset: 180 (in deg)"
         )
-    found = [weight_doubt(weight)] if weight is not None and weight_doubt(weight) else []
+    found = [body_weight_doubt(weight)] if weight is not None and body_weight_doubt(weight) else []
     found += _rate_doubts(angle.path, angle.stamps, ask)
     if load:
         found += _rate_doubts(load.path, load.stamps, ask)

@@ -12,7 +12,7 @@ from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.types import NANOSECOND, ContactState, Floats, Rows, Status
 from knee_contact_ros.streams.gait_events import GAP
 
-LATERAL = "lateral_"
+LATERAL_OUTCOME = "lateral_"
 """Beginning of the names of the outcomes of the lateral compartment"""
 OUTCOMES = {
     "peak_force": "N",

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.bag import Bag, opened_bag
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
@@ -52,7 +51,7 @@ class Recording(NamedTuple):
 
 
 def read_recording(
-    bag: Path | Bag,
+    bag: Bag,
     basis: Parameters | Provenance,
     texts: Mapping[str, str],
     names: Names = OWN_NAMES,
@@ -96,16 +95,15 @@ def read_recording(
     ), rows
 
 
-def recorded_doubt(bag: Path | Bag) -> list[str]:
+def recorded_doubt(bag: Bag) -> list[str]:
     """Sentence that a recording is computed with other parameters than its own; empty list if the bag is none."""
-    with opened_bag(bag) as open_bag:
-        if open_bag.first_metadata(PROVENANCE) is None:
-            return []
+    if bag.first_metadata(PROVENANCE) is None:
+        return []
     doubt = f"without params its own parameters are not used, but {DEFAULT_PARAMETERS}"
     return [f"it is a recording; {doubt}"]
 
 
-def recording_of(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
+def recording_from_arrays(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
     """Make a recording from arrays by name, see `sweep`.
 
     Raises:

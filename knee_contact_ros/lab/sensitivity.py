@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
+from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
 from knee_contact_ros.lab.study_file import Design, SpacedValues
 from knee_contact_ros.lab.sweep import Cohort, sweep
 from knee_contact_ros.model.types import Floats
@@ -47,7 +47,7 @@ CONSTANT = 1e-12
 """Range of an outcome, relative to its size, up to which it counts as constant"""
 DEFAULT_OUTCOMES = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
 """Outcomes that are analysed by default"""
-ALL_OUTCOMES = (*OUTCOMES, *(LATERAL + name for name in OUTCOMES))
+ALL_OUTCOMES = (*OUTCOMES, *(LATERAL_OUTCOME + name for name in OUTCOMES))
 """Outcomes that can be analysed"""
 ERROR_BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
 """Outcomes with a known numerical error, and the column that bounds it"""
@@ -180,7 +180,7 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
     known = values[np.isfinite(values)]
     cases = len(values) - len(known)
     mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
-    unit = f" {OUTCOMES[outcome.removeprefix(LATERAL)]}".rstrip()
+    unit = f" {OUTCOMES[outcome.removeprefix(LATERAL_OUTCOME)]}".rstrip()
     reason = ""
     if not known.size:
         reason = "no case has a value"
@@ -246,7 +246,7 @@ def analyse_table(
 
 def display_of(outcome: str) -> tuple[str, str, float]:
     """Return the title of an outcome, the unit in which it is shown, and the factor from its SI unit."""
-    unit = OUTCOMES[outcome.removeprefix(LATERAL)]
+    unit = OUTCOMES[outcome.removeprefix(LATERAL_OUTCOME)]
     factor, name = DISPLAY_UNITS.get(unit, (1.0, unit))
     return outcome.replace("_", " "), name, factor
 
@@ -408,7 +408,7 @@ def sensitivity(
         raise UsageError(f"outcomes: {outcomes!r} is not allowed; {error}") from None
     values = dict(zip(design.ranges, design.points().T, strict=True))
     cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
-    lateral = [name for name in names if name.startswith(LATERAL)]
+    lateral = [name for name in names if name.startswith(LATERAL_OUTCOME)]
     if lateral and cohort.lateral is None:
         raise UsageError(f"outcomes: {lateral[0]} is not allowed; load.compartment is not both")
     analysed = analyse_table(design, cohort.to_pandas(), names)

@@ -158,7 +158,7 @@ def sentences(
             yield f"{title}, {each.label}: {text}", "; ".join(doubts)
 
 
-def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
+def draw_indices(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
     """Draw an outcome as PNG: for each combination the bars of its indices."""
     from matplotlib.figure import Figure
 
@@ -228,7 +228,7 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
                 if not each.analysed[outcome].reason
             ]
             if panels:
-                shards.write_file(PICTURE.format(outcome), draw(study.design, panels))
+                shards.write_file(PICTURE.format(outcome), draw_indices(study.design, panels))
                 earlier.discard(PICTURE.format(outcome))
         for name in earlier:
             shards.remove_file(name)

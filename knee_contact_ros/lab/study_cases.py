@@ -22,22 +22,21 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.folder import bag_digest
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, model_digest
 from knee_contact_ros.lab.knees import VARIABLE_PREFIXES, Computed, Knees, compute, file_texts
-from knee_contact_ros.lab.outcomes import LATERAL, OUTCOME_RECORD
+from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOME_RECORD
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt
 from knee_contact_ros.lab.shards import brief_reason, is_address
 from knee_contact_ros.lab.study_file import Study
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.offline.bag_parameters import with_body_weight
 from knee_contact_ros.parameters.files import all_values, variations_of
-from knee_contact_ros.parameters.schema import LATERAL_PREFIX as LATERAL_KNEE
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
+from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.files import expand_user
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Values = dict[str, Any]
+CaseValues = dict[str, Any]
 KEY_VERSION = 3
 """Version of the outcomes' definitions and of the keys: increase it when a column is computed differently"""
 BLOCK_TICKS = 800_000
@@ -108,10 +107,10 @@ class CaseGroup(NamedTuple):
     """Parameters that the cases share"""
     files: dict[str, str]
     """Contents of the files that parameters name"""
-    vary: Callable[[Values], Parameters]
+    vary: Callable[[CaseValues], Parameters]
     """Function that returns the parameters of a case"""
 
-    def key(self, values: Values) -> str:
+    def key(self, values: CaseValues) -> str:
         """Return the key of a case, also if its parameters are not allowed; names of files do not enter it."""
         try:
             parameters = self.vary(values)
@@ -123,7 +122,7 @@ class CaseGroup(NamedTuple):
             refused = sorted(values.items())
         left_out = (
             *NOT_OF_THE_RESULT,
-            *([] if has_two_compartments(parameters) else [LATERAL_KNEE]),
+            *([] if has_two_compartments(parameters) else [LATERAL_PREFIX]),
         )
         entries = {
             name: value
@@ -184,7 +183,7 @@ class CaseBlock(NamedTuple):
     series: bool
     """Whether all answers are kept too"""
     keys: tuple[str, ...]
-    cases: tuple[Values, ...]
+    cases: tuple[CaseValues, ...]
 
 
 def blocks_of(
@@ -192,7 +191,7 @@ def blocks_of(
 ) -> Iterator[CaseBlock]:
     """Yield the cases that are not `known` in blocks, made on demand, and add the keys of all cases to `used`."""
 
-    def missing_cases(group: CaseGroup) -> Iterator[tuple[str, Values]]:
+    def missing_cases(group: CaseGroup) -> Iterator[tuple[str, CaseValues]]:
         for values in study.variants():
             if (key := group.key(values)) not in used:
                 used.add(key)
@@ -263,7 +262,8 @@ def _knees(
         if found != digest:
             raise UsageError(f"bag {place}: {_worker()} finds different content from the client's")
         texts = dict(files)
-        recording, _ = read_recording(path, parameters, file_texts(parameters, texts))
+        with Bag(path) as bag:
+            recording, _ = read_recording(bag, parameters, file_texts(parameters, texts))
         return Knees(recording, parameters, texts)
 
 
@@ -283,7 +283,7 @@ def _table(block: CaseBlock, knees: Knees, computed: Computed) -> pd.DataFrame:
         if name.startswith(VARIABLE_PREFIXES)
     }
     # A named lateral parameter follows its medial one, so both columns vary.
-    varied = {*block.cases[0], *(LATERAL_KNEE + name for name in block.cases[0])}
+    varied = {*block.cases[0], *(LATERAL_PREFIX + name for name in block.cases[0])}
     rows = [
         values if own is None else all_values(own)
         for own, values in zip(computed.parameters, block.cases, strict=True)
@@ -295,7 +295,7 @@ def _table(block: CaseBlock, knees: Knees, computed: Computed) -> pd.DataFrame:
     kinds = {name: type(value) for name, value in common.items()}
     outcomes = [
         pd.DataFrame(rows).add_prefix(prefix)
-        for prefix, rows in zip(("", LATERAL), computed.outcomes, strict=True)
+        for prefix, rows in zip(("", LATERAL_OUTCOME), computed.outcomes, strict=True)
     ]
     last = pd.DataFrame({"failed": computed.failed, "seconds": computed.seconds})
     table = pd.concat([pd.DataFrame(columns).astype(kinds), *outcomes, last], axis=1)

@@ -43,7 +43,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import read_mapping
 
-S = TypeVar("S", bound="Study")
+StudyKind = TypeVar("StudyKind", bound="Study")
 MAX_CASES = 10_000_000
 """Largest number of cases of a study; a larger number is a slip in the file"""
 
@@ -213,7 +213,7 @@ class Study(StudySection):
         return self
 
 
-def read_study(path: Path, kind: type[S]) -> S:
+def read_study(path: Path, kind: type[StudyKind]) -> StudyKind:
     """Read a study file.
 
     Raises:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts
-from knee_contact_ros.lab.outcomes import LATERAL, OUTCOMES
-from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_of
+from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
+from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_from_arrays
 from knee_contact_ros.offline.bag_parameters import parameters_for
-from knee_contact_ros.offline.notebooks import Name, in_python_words, warn_of
+from knee_contact_ros.offline.notebooks import Name, in_python_words, remap_rules, warn_of
 from knee_contact_ros.parameters.files import (
     ParameterSource,
     check_value,
@@ -77,7 +78,7 @@ class Cohort:
         columns: dict[str, Any] = dict(self.values)
         columns |= {name: self.outcomes[name] for name in OUTCOMES}
         if self.lateral is not None:
-            columns |= {LATERAL + name: self.lateral[name] for name in OUTCOMES}
+            columns |= {LATERAL_OUTCOME + name: self.lateral[name] for name in OUTCOMES}
         table = pd.DataFrame(columns | {"failed": self.failed})
         table.attrs["varied"] = list(self.values)
         return table
@@ -130,17 +131,16 @@ def sweep(
         files = dict[str, str]()
         if isinstance(gait, Mapping):
             parameters = load_parameters(params)
-            recording = recording_of(gait, parameters)
+            recording = recording_from_arrays(gait, parameters)
         else:
-            bag = expand_user(str(gait))
-            parameters = parameters_for(
-                bag, params if isinstance(params, (list, tuple)) else [params]
-            )
-            remaps = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
-            names = names_in_bag(remaps, namespace)
-            recording, _ = read_recording(bag, parameters, file_texts(parameters, files), names)
-            doubts = recorded_doubt(bag) if params == DEFAULT_PARAMETERS else []
-            warn_of(bag, "solved", [*doubts, *recording.doubts], recording.damage)
+            sources = params if isinstance(params, (list, tuple)) else [params]
+            with Bag(expand_user(str(gait))) as bag:
+                parameters = parameters_for(bag, sources)
+                names = names_in_bag(remap_rules(remap), namespace)
+                texts = file_texts(parameters, files)
+                recording, _ = read_recording(bag, parameters, texts, names)
+                doubts = recorded_doubt(bag) if params == DEFAULT_PARAMETERS else []
+            warn_of(bag.path, "solved", [*doubts, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     computed = compute(knees, cases, series=series, threads=threads)
     medial, lateral = (rows.view(Records) for rows in computed.outcomes)

@@ -179,7 +179,7 @@ def advice(trade: Trade) -> str:
     )
 
 
-def show(trade: Trade) -> None:
+def show_trade(trade: Trade) -> None:
     """Print a table with a row per setting, what its errors refer to, and the advice."""
     table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for heading in (
@@ -212,7 +212,7 @@ def show(trade: Trade) -> None:
     say(advice(trade), hang=0)
 
 
-def draw(trade: Trade, path: Path) -> None:
+def draw_trade(trade: Trade, path: Path) -> None:
     """Draw errors and cost over the tolerance, a line per level, and write the picture as PNG.
 
     Raises:

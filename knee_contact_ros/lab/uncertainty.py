@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from operator import attrgetter
-from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
@@ -299,7 +298,7 @@ class UncertainGait:
 
 
 def read_uncertain_gait(
-    bag: Path | Bag,
+    bag: Bag,
     basis: Parameters | Provenance,
     sizes: Mapping[str, Any] | Name,
     names: Names = OWN_NAMES,
@@ -388,8 +387,8 @@ def uncertainty(
         0.10 mm
     """
     with in_python_words():
-        path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
-        with progress("Propagating") as advance:
-            gait = read_uncertain_gait(path, basis, deviations or {}, names, compiled=compiled)
-            warn_of(path, "solved", gait.recording.doubts, gait.recording.damage)
+        inputs = solve_inputs(bag, params, values, subject, remap, namespace)
+        with inputs as (opened, basis, names), progress("Propagating") as advance:
+            gait = read_uncertain_gait(opened, basis, deviations or {}, names, compiled=compiled)
+            warn_of(opened.path, "solved", gait.recording.doubts, gait.recording.damage)
             return gait.propagate(advance)

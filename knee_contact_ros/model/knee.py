@@ -20,7 +20,7 @@ from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.kernel import Kernel
 from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.lost_state import LEAST_LOST_SPEED
-from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
+from knee_contact_ros.model.readouts import ContactPatch, Readings, load_uncertainty
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import (
@@ -286,7 +286,7 @@ class KneeModel:
             >>> (1e6 * knee.uncertainty(answers, load_deviation=50.0).penetration_depth).round(1)
             array([20.4, 19.7, 18.9])
         """
-        return uncertainty(self.law, answers, load_deviation)
+        return load_uncertainty(self.law, answers, load_deviation)
 
     def check_drive(self, height_given: bool) -> None:
         """Reject a series that does not fit the drive.

@@ -98,7 +98,7 @@ class ContactPatch(NamedTuple):
         read["mean_pressure"] = np.divide(force, area, out=np.zeros_like(area), where=touching)
         read["peak_pressure"] = self.spread.peak * read["mean_pressure"]
         read["strain"] = rows["cartilage_depth"] / self.thickness
-        read["loading_rate"] = loading_rate(rows)
+        read["loading_rate"] = force_rate(rows)
         return read.view(np.recarray)
 
 
@@ -106,7 +106,7 @@ _UNCERTAINTY = np.dtype([("contact_force", "f8"), ("penetration_depth", "f8")])
 """Standard deviations [N] and [m]"""
 
 
-def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
+def load_uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
     """Propagate the standard deviation of the load to contact force and depth, to first order, shape (n,).
 
     For a contact at rest, the force's deviation is the load's times the ratio of force to load, and the depth's is that
@@ -138,7 +138,7 @@ def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
     return found.view(np.recarray)
 
 
-def loading_rate(rows: Rows) -> Floats:
+def force_rate(rows: Rows) -> Floats:
     """Return the rate of the contact force [N/s] since the answer before, shape (n,); see `ContactPatch.readouts`."""
     rate = np.full(len(rows), np.nan)
     steps = np.diff(rows["stamp"]) * NANOSECOND

@@ -35,7 +35,7 @@ from knee_contact_ros.node.inputs import (
 )
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.problems import LOG_PERIOD, STEADY, at_most_every
-from knee_contact_ros.parameters.sources import WRENCH_STAMPED, source_of
+from knee_contact_ros.parameters.sources import WRENCH_STAMPED_TYPE, source_of
 from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Note, RecordedKnee
@@ -126,7 +126,7 @@ class Session(ABC):
         convert_angle, convert_force = converters(self.parameters, installed_types)
         first = self.node, angles.topic, self._on_joint_state, angle_meter
         second = self.node, forces.topic, self._on_force, force_meter
-        if handed and forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED):
+        if handed and forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED_TYPE):
             fault = f"parameter {by}: {forces.topic!r} is not allowed with --with-contact: the force comes from the"
             raise UsageError(f"{fault} load node; leave it out, or run `knee-contact node`")
         if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):

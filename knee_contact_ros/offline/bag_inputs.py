@@ -54,7 +54,7 @@ class BagInputs:
         usual = as_recorded(parameters)
         if usual.inputs() != parameters.inputs() and bag.is_recording:
             parameters = usual
-        self.path = bag.path
+        self.bag = bag
         self._parameters = parameters
         sources = parameters.inputs()
         self.topic = sources[0].topic
@@ -66,7 +66,7 @@ class BagInputs:
             for topic, one in zip(self._topics, sources, strict=True)
         }
         types = {topic: one.type for topic, one in zip(self._topics, sources, strict=True)}
-        self.reader = bag.select(types, {**places, **names})
+        self._reader = bag.select(types, {**places, **names})
         converters(parameters, self._types)
 
     def batches_of(self, size: int, only: int | None = None) -> Iterator[Batch]:
@@ -77,7 +77,7 @@ class BagInputs:
         """
         convert = converters(self._parameters, self._types)
         topics = self._topics if only is None else [self._topics[only]]
-        for read in self.reader.batches_of(size, topics):
+        for read in self._reader.batches_of(size, topics):
             batch = read
             if self._topics[0] == self._topics[1]:  # a message has both
                 count = len(read)
@@ -88,46 +88,64 @@ class BagInputs:
             yield batch.converted(convert) if any(convert) else batch
 
     @property
+    def message_count(self) -> int:
+        """Number of angles and forces in the bag."""
+        return self._reader.message_count
+
+    @property
     def force_count(self) -> int:
         """Number of forces."""
-        return self.reader.count_messages(self._topics[1])
+        return self._reader.count_messages(self._topics[1])
 
-    def publishers(self, number: int) -> str:
-        """Channels of the angles (0) or forces (1), as words, if there are several; else empty."""
-        channels = self.reader.channel_ids(self._topics[number])
-        return (
-            f"channels {' and '.join(map(str, channels))} of the bag" if len(channels) > 1 else ""
-        )
+    def publishers(self) -> list[str]:
+        """Channels of the angles and of the forces, as words; empty where there is only one."""
+        words = []
+        for topic in self._topics:
+            ids = self._reader.channel_ids(topic)
+            words.append(
+                f"channels {' and '.join(map(str, ids))} of the bag" if len(ids) > 1 else ""
+            )
+        return words
+
+    def check_joints(self, wanted: Mapping[str, str]) -> None:
+        """Refuse a bag that lacks one of the joints `wanted`, given by parameter (`joints` of the parameters).
+
+        Usually the first sample has all joints, so that the rest of the bag is not read.
+
+        Raises:
+            UsageError: no sample has one of the joints; the message lists those of the bag.
+        """
+        joints: dict[str, None] = {}  # a set that keeps the order
+        for batch in self.batches_of(READ_AHEAD, only=0):
+            for _, _, data in batch:
+                with suppress(RefusedSampleError):
+                    joints |= dict.fromkeys(JOINT_STATE.read(data, JOINT_STATES)[0].name)
+                if joints.keys() >= set(wanted.values()):
+                    return
+        for parameter, joint in wanted.items():
+            if joints and joint not in joints:
+                known = list_names(list(joints))
+                raise UsageError(
+                    f"bag {self.bag}: {self.topic} has no joint {joint!r}; it has {known} (parameter {parameter})"
+                )
+
+    def learn_transforms(self, frame: ForceFrame) -> None:
+        """Add all static transforms of the bag to a frame; warn of those that cannot be used."""
+        for data in transform_messages(self.bag):
+            try:
+                problems = frame.learn(decode_transforms(data))
+            except ValueError as error:
+                problems = [str(error)]
+            warn(f"{TF_STATIC} of {self.bag}: {problem}" for problem in problems)
 
     def _types(self, source: TopicSource, by: str) -> Typestore:
         try:
-            return store_of(self.reader.definition_of(absolute(source.topic)), source.type)
+            return store_of(self._reader.definition_of(absolute(source.topic)), source.type)
         except Exception as error:  # whatever a foreign definition provokes
             reason = " ".join(str(error).split())
             raise UsageError(
-                f"bag {self.path}: parameter {by}: {source.type} is not defined in it: {reason}"
+                f"bag {self.bag}: parameter {by}: {source.type} is not defined in it: {reason}"
             ) from None
-
-
-def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
-    """Refuse a bag that lacks one of the joints `wanted`, which are given by parameter (`joints` of the parameters).
-
-    Usually the first sample has all joints, so that the rest of the bag is not read.
-
-    Raises:
-        UsageError: no sample has one of the joints; the message lists those of the bag.
-    """
-    joints: dict[str, None] = {}  # a set that keeps the order
-    for data in (data for block in bag.batches_of(READ_AHEAD, only=0) for _, _, data in block):
-        with suppress(RefusedSampleError):
-            joints |= dict.fromkeys(JOINT_STATE.read(data, JOINT_STATES)[0].name)
-        if joints.keys() >= set(wanted.values()):
-            return
-    for parameter, joint in wanted.items():
-        if joints and joint not in joints:
-            known = list_names(list(joints))
-            text = f"{bag.topic} has no joint {joint!r}; it has {known} (parameter {parameter})"
-            raise UsageError(f"bag {bag.path}: {text}")
 
 
 def transform_messages(bag: Bag) -> list[bytes]:
@@ -135,13 +153,3 @@ def transform_messages(bag: Bag) -> list[bytes]:
     with suppress(UsageError):
         return [message.data for message in bag.select({TF_STATIC: TF_MESSAGE}).raw_messages()]
     return []
-
-
-def learn_transforms(bag: Bag, frame: ForceFrame) -> None:
-    """Add all static transforms of a bag to a frame; warn of those that cannot be used."""
-    for data in transform_messages(bag):
-        try:
-            problems = frame.learn(decode_transforms(data))
-        except ValueError as error:
-            problems = [str(error)]
-        warn(f"{TF_STATIC} of {bag.path}: {problem}" for problem in problems)

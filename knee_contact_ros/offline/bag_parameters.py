@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
-from knee_contact_ros.bags.bag import Bag, opened_bag
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.curves import curve_texts
@@ -41,7 +41,7 @@ def file_contents(basis: Parameters | Provenance) -> Mapping[str, str]:
 
 
 def basis_of(
-    bag: Path | Bag,
+    bag: Bag,
     params: ParameterSource | None,
     values: Mapping[str, Any],
     person: Subject | None,
@@ -74,16 +74,14 @@ def basis_of(
 
 
 def parameters_for(
-    bag: Path | Bag, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters
+    bag: Bag, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters
 ) -> Any:
     """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
 
     Raises:
         UsageError: as for `load_parameters`.
     """
-    with opened_bag(bag) as open_bag:
-        weight = open_bag.body_weight
-    return with_body_weight(sources, weight, namespace, schema)
+    return with_body_weight(sources, bag.body_weight, namespace, schema)
 
 
 def with_body_weight(
@@ -104,7 +102,7 @@ def with_body_weight(
     return load_parameters([*sources, values], schema, namespace)
 
 
-def weight_doubt(bag: Path | Bag, parameters: Parameters | LoadParameters) -> list[str]:
+def weight_doubt(bag: Bag, parameters: Parameters | LoadParameters) -> list[str]:
     """Sentence that a bag was imported with another body weight than the parameters have; empty list if not."""
     if isinstance(parameters, LoadParameters):
         used = parameters.person.mass * GRAVITY
@@ -112,13 +110,10 @@ def weight_doubt(bag: Path | Bag, parameters: Parameters | LoadParameters) -> li
     else:
         used = parameters.body_weight
         given = f"body_weight {used:.7g} N"
-    with opened_bag(bag) as open_bag:
-        weight = open_bag.body_weight
+    weight = bag.body_weight
     if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
         return []
-    return [
-        f"{given} is used as you gave it, but bag {open_bag.path} was imported with {weight:.7g} N"
-    ]
+    return [f"{given} is used as you gave it, but bag {bag} was imported with {weight:.7g} N"]
 
 
 class SubjectFile(Section):

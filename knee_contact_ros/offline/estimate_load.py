@@ -10,22 +10,22 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag import ORIGIN, Bag, opened_bag
+from knee_contact_ros.bags.bag import ORIGIN, Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import stored_load
-from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
+from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import parameters_for
-from knee_contact_ros.offline.solve import finish, nothing_computed, recorded, recording_of
+from knee_contact_ros.offline.output import nothing_computed, open_output
 from knee_contact_ros.parameters.load_schema import LoadParameters, PersonSection
 from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED
 from knee_contact_ros.system.progress import OnProgress, no_progress
 
-ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(Estimate).items()])
+ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(LoadEstimateFields).items()])
 """Type of a stamp [ns] and an estimate as a row"""
 MESSAGES_PER_ADVANCE = 1000
 """Number of messages between two calls of `advance`"""
@@ -58,9 +58,9 @@ class LoadSummary(NamedTuple):
         return np.asarray(self.estimates["axial_force"])
 
     @property
-    def peak(self) -> Estimate:
+    def peak(self) -> LoadEstimateFields:
         """Estimate with the largest axial force."""
-        return Estimate(*self.estimates[self.axial.argmax()].item()[1:])
+        return LoadEstimateFields(*self.estimates[self.axial.argmax()].item()[1:])
 
     @property
     def flagged(self) -> Counter[str]:
@@ -72,7 +72,7 @@ class LoadSummary(NamedTuple):
 
 
 def load_parameters_for(
-    bag: Path | Bag, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
+    bag: Bag, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
 ) -> tuple[LoadParameters, str, list[str]]:
     """Parameters for a bag: the given ones, else those that a recording of estimates holds, else the defaults.
 
@@ -82,22 +82,19 @@ def load_parameters_for(
     Raises:
         UsageError: parameters or the recording cannot be used; see `load_parameters` and `stored_load`.
     """
-    with opened_bag(bag) as open_bag:
-        path = open_bag.path
-        stored = None if sources else stored_load(open_bag)
-        first, changes = stored or ({}, 0)
-        all_sources = [*sources, first, values]
-        parameters = parameters_for(open_bag, all_sources, namespace, LoadParameters)
+    stored = None if sources else stored_load(bag)
+    first, changes = stored or ({}, 0)
+    parameters = parameters_for(bag, [*sources, first, values], namespace, LoadParameters)
     doubts = []
     if changes:
         doubts.append(
-            f"bag {path}: parameters changed {changes} times in it; those of its beginning are used throughout"
+            f"bag {bag}: parameters changed {changes} times in it; those of its beginning are used throughout"
         )
-    return parameters, f"those in {path.name}" if stored else "the defaults", doubts
+    return parameters, f"those in {bag.path.name}" if stored else "the defaults", doubts
 
 
 def estimate_load(
-    bag: Path | Bag,
+    bag: Bag,
     parameters: LoadParameters,
     output: Path | None,
     advance: OnProgress = no_progress,
@@ -110,7 +107,7 @@ def estimate_load(
     The messages are bit for bit those that the load node would publish.
 
     Args:
-        bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
+        bag: The bag with the inputs.
         parameters: Parameters of the load node.
         output: The .mcap file to write; None: only the summary is wanted.
         advance: Called now and then with the number of finished messages and of all messages.
@@ -121,30 +118,28 @@ def estimate_load(
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
     """
-    with opened_bag(bag) as open_bag:
-        inputs = BagInputs(open_bag, parameters, names)
-        check_joints(inputs, parameters.joints())
-        pipeline, damage = LoadPipeline(parameters), open_bag.damage
-        if parameters.frame.ground:
-            learn_transforms(open_bag, pipeline.frame)
-        with recording_of(
-            open_bag, output, overwrite, LOAD_RECORDED, parameters, provenance_name=LOAD_PROVENANCE
-        ) as recorder:
-            if recorder and (open_bag.body_weight or parameters.person != PersonSection()):
-                weight = f"{parameters.person.constants.weight:.7g} N"
-                recorder.write_note(
-                    ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight}
-                )
-            answers = _answers(inputs, pipeline, advance)
-            answers = recorded(recorder, pipeline, answers, LoadAnswer.records)
-            flexions = list[float]()
-            estimates = np.fromiter(_rows(answers, keep, flexions), ESTIMATE)
-            finish(recorder, pipeline, open_bag, damage)
-            if not len(estimates):
-                raise nothing_computed(
-                    open_bag, "joint reaction could be estimated", pipeline, damage
-                )
-    seen = InputCheck(parameters.person.constants.weight, load_driven=False, names="knee.")
+    inputs = BagInputs(bag, parameters, names)
+    inputs.check_joints(parameters.joints())
+    pipeline = LoadPipeline(parameters)
+    damage = bag.damage
+    person = parameters.person
+    if parameters.frame.ground:
+        inputs.learn_transforms(pipeline.frame)
+    with open_output(
+        bag, output, overwrite, LOAD_RECORDED, parameters, provenance_name=LOAD_PROVENANCE
+    ) as recorder:
+        if bag.body_weight or person != PersonSection():
+            weight = f"{person.constants.weight:.7g} N"
+            origin = {"source": "knee-contact estimate-load", "body_weight": weight}
+            recorder.write_note(ORIGIN, origin)
+        answers = _answers(inputs, pipeline, advance)
+        recorded = recorder.record_answers(pipeline, answers, LoadAnswer.records)
+        flexions = list[float]()
+        estimates = np.fromiter(_rows(recorded, keep, flexions), ESTIMATE)
+        recorder.write_ending(pipeline, bag, damage)
+        if not len(estimates):
+            raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
+    seen = InputCheck(person.constants.weight, load_driven=False, names="knee.")
     seen.add_samples(estimates["stamp"], np.array(flexions), estimates["axial_force"])
     refused, level = pipeline.synchroniser.refused, pipeline.level
     return LoadSummary(estimates, refused, damage, level, parameters.calibrated, seen.sentences)
@@ -171,5 +166,5 @@ def _answers(
     for block in inputs.batches_of(MESSAGES_PER_ADVANCE):
         yield from pipeline.push_messages(block)
         done += len(block)
-        advance(done, inputs.reader.message_count)
+        advance(done, inputs.message_count)
     yield from pipeline.finish_streams()

@@ -134,20 +134,18 @@ def solve(
         387 1614 N, 0.75 mm
     """
     with in_python_words():
-        path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
-        written = check_output(Path(output), "output", ".mcap") if output else None
-        results, summary = answers_of(path, basis, names, written, overwrite, compiled)
-        doubts = [
-            *weight_doubt(path, resolved_parameters(basis)),
-            *summary.warnings,
-            summary.unanswered,
-        ]
-        warn_of(path, "solved", doubts, summary.damage)
+        inputs = solve_inputs(bag, params, values, subject, remap, namespace)
+        with inputs as (opened, basis, names):
+            written = check_output(Path(output), "output", ".mcap") if output else None
+            results, summary = answers_of(opened, basis, names, written, overwrite, compiled)
+            doubts = weight_doubt(opened, resolved_parameters(basis))
+        doubts += [*summary.warnings, summary.unanswered]
+        warn_of(opened.path, "solved", doubts, summary.damage)
     return results
 
 
 def answers_of(
-    bag: Path | Bag,
+    bag: Bag,
     basis: Parameters | Provenance,
     names: Names,
     output: Path | None = None,
@@ -190,6 +188,7 @@ def _models(basis: Parameters | Provenance) -> list[KneeModel]:
     ]
 
 
+@contextmanager
 def solve_inputs(
     bag: Name | None,
     params: ParameterSource | None,
@@ -197,8 +196,8 @@ def solve_inputs(
     subject: Name | None,
     remap: Mapping[str, str] | None,
     namespace: str,
-) -> tuple[Path, Parameters | Provenance, Names]:
-    """Check arguments of `solve`; return the bag, what it is computed with, and the names of the inputs in it.
+) -> Iterator[tuple[Bag, Parameters | Provenance, Names]]:
+    """Check arguments of `solve`; yield the open bag, what it is computed with, and the names of the inputs in it.
 
     Raises:
         UsageError: an argument cannot be used.
@@ -208,12 +207,14 @@ def solve_inputs(
     path = expand_user(str(bag)) if bag else person.bag if person else None
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
-    basis = basis_of(path, params, dotted(values or {}), person, namespace)
-    return (
-        path,
-        basis,
-        names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace),
-    )
+    with Bag(path) as opened:
+        basis = basis_of(opened, params, dotted(values or {}), person, namespace)
+        yield opened, basis, names_in_bag(remap_rules(remap), namespace)
+
+
+def remap_rules(remap: Mapping[str, str] | None) -> list[str]:
+    """Rules `FROM:=TO` as on the command line."""
+    return [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
 
 
 def check_mappings(values: object, remap: object) -> None:
@@ -291,13 +292,13 @@ def estimate_load(
         sources = (
             params if isinstance(params, (list, tuple)) else [] if params is None else [params]
         )
-        parameters, _, changed = load_parameters_for(
-            path, sources, dotted(values or {}), namespace
-        )
-        rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
-        names = names_in_bag(rules, namespace, LOAD_INPUTS)
-        written = check_output(Path(output), "output", ".mcap") if output else None
-        with progress("Estimating") as advance:
-            summary = estimate(path, parameters, written, advance, overwrite, names)
+        with Bag(path) as opened:
+            parameters, _, changed = load_parameters_for(
+                opened, sources, dotted(values or {}), namespace
+            )
+            names = names_in_bag(remap_rules(remap), namespace, LOAD_INPUTS)
+            written = check_output(Path(output), "output", ".mcap") if output else None
+            with progress("Estimating") as advance:
+                summary = estimate(opened, parameters, written, advance, overwrite, names)
         warn_of(path, "read", [*changed, *summary.implausible], summary.damage)
     return summary.estimates.view(Records)

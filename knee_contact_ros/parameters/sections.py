@@ -14,9 +14,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from knee_contact_ros.parameters.sources import (
-    JOINT_STATE,
+    JOINT_STATE_TYPE,
     SOURCE_FORM,
-    WRENCH_STAMPED,
+    WRENCH_STAMPED_TYPE,
     TopicSource,
     source_of,
 )
@@ -140,7 +140,7 @@ class NodeSection(Section):
         section, _, name = self.force_source.partition(".")
         angles: str = self.knee.source  # type: ignore[attr-defined]  # every node has a knee
         forces: str = getattr(getattr(self, section), name)
-        return source_of(angles, JOINT_STATE), source_of(forces, WRENCH_STAMPED)
+        return source_of(angles, JOINT_STATE_TYPE), source_of(forces, WRENCH_STAMPED_TYPE)
 
     def joints(self) -> dict[str, str]:
         """Return the names of the joints that the node needs, by the parameters that give them."""
@@ -154,10 +154,10 @@ FrameName = Annotated[
 """Name of a frame, which may be empty; `_isb` is only the suffix of a tibia frame"""
 # Without a type in their text, messages of a source are of the input's own type.
 AngleSource = Annotated[
-    str, AllowedValues(lambda text: source_of(text, JOINT_STATE) and text, SOURCE_FORM)
+    str, AllowedValues(lambda text: source_of(text, JOINT_STATE_TYPE) and text, SOURCE_FORM)
 ]
 ForceSource = Annotated[
-    str, AllowedValues(lambda text: source_of(text, WRENCH_STAMPED) and text, SOURCE_FORM)
+    str, AllowedValues(lambda text: source_of(text, WRENCH_STAMPED_TYPE) and text, SOURCE_FORM)
 ]
 ANGLE_SOURCE_MEANING = (
     "topic of the angles, of type JointState or dynamic_joint_states; "

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 """Type of messages of angles"""
-WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
+WRENCH_STAMPED_TYPE = "geometry_msgs/msg/WrenchStamped"
 """Type of messages of forces"""
 FIELD_UNITS = {
-    JOINT_STATE: {
+    JOINT_STATE_TYPE: {
         "rad": 1.0,
         "deg": math.pi / 180.0,
         "mrad": 1e-3,
@@ -21,7 +21,7 @@ FIELD_UNITS = {
         "m": 1.0,
         "mm": 1e-3,
     },
-    WRENCH_STAMPED: {
+    WRENCH_STAMPED_TYPE: {
         "N": 1.0,
         "kN": 1e3,
         "kgf": 9.80665,
@@ -33,7 +33,7 @@ FIELD_UNITS = {
 """Factors from the unit of a field to rad, m, N or N m, by the type to which an input is converted"""
 DYNAMIC_JOINT_STATES = "dynamic_joint_states"
 """Topic of the joint states of ros2_control"""
-DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+DYNAMIC_JOINT_STATE_TYPE = "control_msgs/msg/DynamicJointState"
 """Type of its messages"""
 ON_ARRIVAL = "on arrival"
 """Words after a source whose messages have no stamp, or a wrong one; they get the time of their arrival"""
@@ -82,8 +82,8 @@ def source_of(text: str, own_type: str) -> TopicSource:
         raise ValueError(f"allowed: {SOURCE_FORM}")
     topic, kind, fields, arrival = match.groups()
     if not kind:
-        dynamic = own_type == JOINT_STATE and topic.rsplit("/", 1)[-1] == DYNAMIC_JOINT_STATES
-        kind = DYNAMIC_JOINT_STATE if dynamic else own_type
+        dynamic = own_type == JOINT_STATE_TYPE and topic.rsplit("/", 1)[-1] == DYNAMIC_JOINT_STATES
+        kind = DYNAMIC_JOINT_STATE_TYPE if dynamic else own_type
         return TopicSource(topic, kind, (), bool(arrival))
     # The type may be given as pkg/Type or pkg/msg/Type.
     package, *_, name = kind.split("/")

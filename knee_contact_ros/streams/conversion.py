@@ -16,8 +16,8 @@ from rosbags.typesys.store import Typestore
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.sources import (
-    DYNAMIC_JOINT_STATE,
-    JOINT_STATE,
+    DYNAMIC_JOINT_STATE_TYPE,
+    JOINT_STATE_TYPE,
     ON_ARRIVAL,
     MessageNumber,
     TopicSource,
@@ -136,7 +136,7 @@ class Converter:
         source = self._source
         if self._store:
             return self._from_fields(self._store.deserialize_cdr(data, source.type), arrived)
-        if source.type == DYNAMIC_JOINT_STATE:
+        if source.type == DYNAMIC_JOINT_STATE_TYPE:
             data = messages.as_joint_state(data, self._joints)
         if self._joints:
             state = messages.JOINT_STATE.read(data, source.topic)[0]
@@ -177,7 +177,7 @@ def converters(
     """
     angles, forces = parameters.inputs()
     joints, body = list(parameters.joints().values()), Body(parameters)
-    is_usual = angles == TopicSource(angles.topic, JOINT_STATE, (), on_arrival=False)
+    is_usual = angles == TopicSource(angles.topic, JOINT_STATE_TYPE, (), on_arrival=False)
     return (
         None
         if is_usual and not body.has_id

@@ -12,14 +12,14 @@ from knee_contact_ros.joint_reaction.estimator import (
     BIT_DOUBTFUL_LOAD,
     BIT_IMPLAUSIBLE,
     ESTIMATE_STRUCT,
-    Estimate,
     Estimator,
+    LoadEstimateFields,
 )
 from knee_contact_ros.joint_reaction.leg import (
     NOT_MEASURED,
     Ground,
     Joints,
-    Motion,
+    LegMotion,
     MotionFilter,
     Vector,
     inclination,
@@ -163,7 +163,7 @@ class Sensed(NamedTuple):
     stamp: int
     """Stamp [ns] of the ground force"""
     joints: Joints
-    motion: Motion
+    motion: LegMotion
     ground: Ground
     status: int
     """Bits of `Status`"""
@@ -175,7 +175,7 @@ class LoadAnswer(NamedTuple):
     pair: PairedSample
     sensed: Sensed
     """Inputs of the estimator"""
-    estimate: Estimate
+    estimate: LoadEstimateFields
     reaction: bytes
     """Bytes of the WrenchStamped of the joint reaction"""
     message: bytes
@@ -252,7 +252,7 @@ class LoadPipeline(Pipeline[LoadAnswer]):
         self._estimator.configure(*_constants(parameters))
 
 
-def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
+def encode_estimate(stamp: int, frame_id: str, estimate: LoadEstimateFields) -> bytes:
     """Bytes of a `LoadEstimate` message with a stamp [ns].
 
     Raises:

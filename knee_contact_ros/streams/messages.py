@@ -20,7 +20,7 @@ from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.model.types import MESSAGE_BYTES, WRENCH_BYTES
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE_TYPE, DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import list_names, printable
 
@@ -446,7 +446,7 @@ def _packer(frame_id: str) -> tuple[Callable[..., bytes], bytes]:
 POSITION = "position"
 """Name of the interface whose value is an angle [rad] or a height [m]"""
 DEFINITIONS = {
-    DYNAMIC_JOINT_STATE: (
+    DYNAMIC_JOINT_STATE_TYPE: (
         "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
     ),
     "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
@@ -472,10 +472,10 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
             the joints `wanted` has no position.
     """
     try:
-        message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
+        message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE_TYPE)
     except Exception as error:  # whatever broken bytes provoke
         raise RefusedSampleError(
-            "undecodable", f"{len(data)} bytes are not a {DYNAMIC_JOINT_STATE} ({error})"
+            "undecodable", f"{len(data)} bytes are not a {DYNAMIC_JOINT_STATE_TYPE} ({error})"
         ) from None
     positions: dict[str, float] = {}
     joints, each = message.joint_names, message.interface_values

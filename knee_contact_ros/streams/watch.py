@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import STANDING_LOAD
-from knee_contact_ros.joint_reaction.estimator import weight_doubt
+from knee_contact_ros.joint_reaction.estimator import body_weight_doubt
 from knee_contact_ros.model.inputs import AxisCheck, InputCheck
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import (
@@ -49,7 +49,7 @@ def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     """Make the doubts about parameters, ready to watch a run of their model."""
     weight = parameters.body_weight
     inputs = InputCheck(
-        None if weight_doubt(weight) else weight, load_driven=not model.height_prescribed
+        None if body_weight_doubt(weight) else weight, load_driven=not model.height_prescribed
     )
     doubts = parameter_doubts(parameters, model)
     return Doubts(
@@ -65,7 +65,7 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
     """Sentences about parameters in a likely wrong unit (kg, N/mm^n, MPa), and about a wait that is too short."""
     contact, pairing = parameters.contact, parameters.pairing
     doubts = [
-        weight_doubt(parameters.body_weight),
+        body_weight_doubt(parameters.body_weight),
         _stiffness_doubt(parameters, model),
         _place_doubt(parameters, model),
     ]

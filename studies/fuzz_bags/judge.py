@@ -77,7 +77,8 @@ def solved(kind: str, bag: Path, folder: Path) -> tuple[str, str]:
     """Outcome of `solve` with a bag."""
     output = folder / "out" / "out.mcap"
     try:
-        summary = solve(bag, parameters(), output)
+        with Bag(bag) as opened:
+            summary = solve(opened, parameters(), output)
     except UsageError as error:
         left = list(output.parent.iterdir()) if output.parent.exists() else []
         return (SILENT, f"left {left}") if left else (REFUSED, str(error))

@@ -16,7 +16,7 @@ from knee_contact_ros.joint_reaction.leg import (
     Ground,
     Joints,
     Leg,
-    Motion,
+    LegMotion,
     MotionFilter,
     NetMoments,
     leg_of,
@@ -81,7 +81,7 @@ class Walk(NamedTuple):
     """The same [N m] without muscles, shape (n,)"""
     joints: list[Joints]
     """Joint angles, length n"""
-    motions: list[Motion]
+    motions: list[LegMotion]
     """Motion of the joints as the node sees it, length n"""
     moments: list[NetMoments]
     """Net moments by inverse dynamics with motion capture, length n"""

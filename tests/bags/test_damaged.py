@@ -12,12 +12,13 @@ from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
+from knee_contact_ros.offline.output import SOURCE_DAMAGE
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, stamp_to_ns
 from studies.fuzz_bags.bags import TICKS, mcap, messages, split, sqlite
 from tests.bags.test_mcap_file import chunks
 from tests.helpers.bags import raw_messages
+from tests.helpers.offline import solve
 
 CONTACT = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
 

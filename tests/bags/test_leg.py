@@ -10,9 +10,9 @@ import pytest
 
 from knee_contact_ros.bags.answers import read_answers, read_bag
 from knee_contact_ros.bags.leg import POSE_PERIOD, description
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF, stamp_to_ns
+from tests.helpers.offline import solve
 
 
 @pytest.fixture(scope="module")

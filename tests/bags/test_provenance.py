@@ -13,7 +13,8 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from knee_contact_ros.bags.answers import read_answers
-from knee_contact_ros.bags.folder import bag_digest, others_beside
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.folder import bag_digest, files_digest, others_beside
 from knee_contact_ros.bags.provenance import (
     Change,
     change_record,
@@ -22,11 +23,11 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.bags.recorder import BagWriter, FileLimits
 from knee_contact_ros.commands.main import knee_contact, main
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.offline import solve
 from tests.helpers.recordings_of import recording_with
 
 
@@ -225,4 +226,8 @@ def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: P
     assert read_provenance(folder / "a_earlier.mcap") is not None
     assert read_provenance(folder) is None
     assert bag_digest(folder) == digest
+    with Bag(folder) as opened:
+        assert opened.digest == digest
+    renamed = (folder / "metadata.yaml").rename(tmp_path / "other.yaml")
+    assert files_digest([renamed]) != files_digest([right_bag / "metadata.yaml"])
     assert others_beside(right_bag) == others_beside(folder / "a_earlier.mcap") == []

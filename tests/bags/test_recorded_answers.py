@@ -11,13 +11,13 @@ from mcap.writer import Writer
 
 from knee_contact_ros.bags.answers import answer_blocks, answer_topics, read_answers, read_bag
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank_answers
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.columns import ADDED
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, definition, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS
+from tests.helpers.offline import solve
 
 CONTACT = MESSAGE_TYPES["knee_contact"]
 

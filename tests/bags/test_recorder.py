@@ -19,7 +19,6 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.recorder import INTERRUPTED, FileLimits, check_recordable
 from knee_contact_ros.node.outputs import size_of
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
@@ -29,6 +28,7 @@ from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.needs import needs_viewer
+from tests.helpers.offline import solve
 from tests.helpers.patience import wait_until
 from tests.helpers.sinks import (
     SETTINGS,

@@ -160,7 +160,7 @@ def test_it_is_refused_in_one_line_and_nothing_is_written(
     ],
 )
 @pytest.mark.parametrize("kind", ["loop", "pipe", "/dev/zero", "folder"])
-def test_what_is_not_a_file_is_not_waited_for(
+def test_pipes_devices_and_loops_are_refused(
     words: str,
     kind: str,
     tmp_path: Path,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.answers import read_answers
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.view import picture
+from tests.helpers.offline import solve
 from tests.offline.test_solve import make_bag
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")
@@ -40,10 +40,11 @@ def test_the_picture_is_of_the_largest_load(
 ) -> None:
     from PIL import Image
 
-    told = drawn(right_bag, files, tmp_path)
+    title = drawn(right_bag, files, tmp_path)
     answers = read_answers(tmp_path / "knee.mcap")
     peak = answers[int(answers["load"].argmax())]
-    assert told == f"largest load, at {1e-9 * peak['stamp']:.3f} s"  # as the table of peaks has it
+    # As the table of peaks has it.
+    assert title == f"largest load, at {1e-9 * peak['stamp']:.3f} s"
     with Image.open(tmp_path / "knee.png") as image:
         assert min(image.size) > 700
         pixels = np.asarray(image.convert("RGB")).astype(int)
@@ -65,7 +66,7 @@ def test_the_picture_is_of_the_largest_load(
         (1_764_027_108_530_000_000, 1.0, {}, None, "largest load, at +0.095 s"),
     ],
 )
-def test_it_says_what_is_largest_and_when(
+def test_the_title_names_the_largest_value_and_its_time(
     tmp_path: Path, begin: int, step: float, parameters: dict[str, str], heights: Any, words: str
 ) -> None:
     rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
@@ -88,7 +89,7 @@ def test_an_answer_without_a_number_is_not_the_largest(
     assert drawn(bag, {}, tmp_path) == "largest load, at 0.090 s"
 
 
-def test_of_both_compartments_the_picture_says_which(right_bag: Path, tmp_path: Path) -> None:
+def test_the_title_names_the_compartment(right_bag: Path, tmp_path: Path) -> None:
     assert drawn(right_bag, "both_compartments", tmp_path).startswith(
         "medial compartment, largest load, at "
     )

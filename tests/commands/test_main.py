@@ -162,5 +162,5 @@ def test_the_other_recordings_of_a_bags_folder_are_named(
     shutil.copytree(right_bag, folder)
     shutil.copy(folder / "gait2354_right_0.mcap", folder / "later.mcap")
     assert run(f"solve {folder} --output {tmp_path}/out.mcap") == 0
-    told = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
-    assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {told}"
+    reported = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
+    assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {reported}"

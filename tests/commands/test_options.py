@@ -16,7 +16,6 @@ from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.live import replay
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
@@ -24,6 +23,7 @@ from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES, 
 from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.commands import run
 from tests.helpers.needs import HAS_REPORT, needs_viewer
+from tests.helpers.offline import estimate_load
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 TOPICS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
@@ -65,8 +65,10 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(next(plain.glob("*.mcap")).read_bytes()[:-100])
     assert run(f"solve {plain} {cut} --output {tmp_path}/e.mcap") == 1
-    assert f"knee-contact: bag {plain} and {cut} is damaged, " in (told := capsys.readouterr().err)
-    assert f"{cut}: the end is missing" in told  # by the names that were given
+    assert f"knee-contact: bag {plain} and {cut} is damaged, " in (
+        reported := capsys.readouterr().err
+    )
+    assert f"{cut}: the end is missing" in reported  # by the names that were given
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_help_needs_no_ros_and_names_the_topics(
     assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", out)
 
 
-def test_the_table_says_the_level_the_parts_and_how_sure_it_is(
+def test_estimate_load_prints_level_parts_and_deviation(
     walking: Path, tmp_path: Path, capsys: Output
 ) -> None:
     output = tmp_path / "out.mcap"
@@ -157,7 +159,7 @@ def test_a_recording_is_computed_again_with_its_own_parameters(
     assert (estimate_load_in_python(tmp_path / "again.mcap") == own).all()
 
 
-def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: Output) -> None:
+def test_changed_parameters_in_a_recording_are_reported(tmp_path: Path, capsys: Output) -> None:
     bag = tmp_path / "changed.mcap"
     with BagWriter(bag) as writer:
         for topic in LOAD_INPUTS:

@@ -146,7 +146,7 @@ MISTAKES = [(way, name) for way, mistakes in WAYS.items() for name in mistakes]
 @pytest.mark.parametrize(
     ("way", "name"), MISTAKES, ids=lambda each: getattr(each, "__name__", each)
 )
-def test_a_mistake_is_told(
+def test_a_mistake_is_reported(
     way: Callable[..., list[str]],
     name: str,
     tmp_path: Path,
@@ -162,7 +162,7 @@ def test_a_mistake_is_told(
 
 
 @pytest.mark.parametrize("way", [by_csv, by_opensim, by_bag, by_insole])
-def test_what_is_right_is_not_warned_about(
+def test_right_input_has_no_warning(
     way: Callable[..., list[str]],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -9,7 +9,7 @@ from knee_contact_ros.joint_reaction.leg import (
     NOT_TURNING,
     Ground,
     Joints,
-    Motion,
+    LegMotion,
     Turning,
     leg_of,
 )
@@ -22,15 +22,15 @@ MS = 1_000_000
 """[ns]"""
 EPOCH = 1_700_000_000_000_000_000
 """[ns] a stamp of today"""
-STANDING_STILL = Motion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
+STANDING_STILL = LegMotion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
 
 
 def angles(draw: Random) -> Joints:
     return Joints(draw.uniform(-0.2, 2.2), draw.uniform(-1.5, 1.5), draw.uniform(-0.8, 0.6))
 
 
-def motion(draw: Random) -> Motion:
-    return Motion(
+def motion(draw: Random) -> LegMotion:
+    return LegMotion(
         *[Turning(draw.uniform(-10.0, 10.0), draw.uniform(-200.0, 200.0)) for _ in range(3)]
     )
 

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate, Estimator
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator, LoadEstimateFields
 from knee_contact_ros.joint_reaction.leg import (
     NOT_MEASURED,
     NOT_TURNING,
     Ground,
     Joints,
-    Motion,
+    LegMotion,
     MotionFilter,
     Turning,
     net_moments,
@@ -49,7 +49,9 @@ class EstimatorWithMotion:
     def __init__(self, level: str, *trust: Any) -> None:
         self.estimator, self.motion = Estimator(level, PERSON, *trust), MotionFilter(WINDOW)
 
-    def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
+    def at(
+        self, stamp: int, joints: Joints, sensed: Ground, status: int = 0
+    ) -> LoadEstimateFields:
         return self.estimator.estimate(
             stamp, joints, self.motion.add_angles(stamp, joints), sensed, status
         )
@@ -100,7 +102,7 @@ def test_the_weight_above_a_bent_knee_by_hand(
 def test_what_each_level_looks_at(draw: Random) -> None:
     joints, moving, sensed = angles(draw), motion(draw), ground(draw)
 
-    def by(level: str, joints: Joints, moving: Motion = moving, sensed: Ground = sensed) -> Any:
+    def by(level: str, joints: Joints, moving: LegMotion = moving, sensed: Ground = sensed) -> Any:
         """What is not a number, as a text."""
         return [
             each if math.isfinite(each) else "?"
@@ -180,9 +182,9 @@ NO_HIP, NO_ANKLE, ALONE = (
 def test_what_is_not_known_is_not_a_number(
     level: str, joints: Joints, torque: Any, unknown: set[str]
 ) -> None:
-    told = EstimatorWithMotion(level)
+    estimator = EstimatorWithMotion(level)
     for number in range(100):
-        found = told.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
+        found = estimator.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
         if number in (0, 99):
             assert {
                 name for name, value in found._asdict().items() if math.isnan(value)
@@ -211,8 +213,8 @@ def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw
         curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2]
     )
     # Accelerations to 4e-9 rad/s^2 (`test_leg.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
-    told = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
-    assert told == pytest.approx(expected, abs=2e-8)
+    measured = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
+    assert measured == pytest.approx(expected, abs=2e-8)
 
 
 SECOND = 1000 * MS

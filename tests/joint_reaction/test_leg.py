@@ -18,7 +18,7 @@ from knee_contact_ros.joint_reaction.leg import (
     Ground,
     Joints,
     Leg,
-    Motion,
+    LegMotion,
     MotionFilter,
     NetMoments,
     leg_of,
@@ -70,7 +70,7 @@ def test_a_leg_of_100_kg_and_2_m() -> None:
     assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
 
-def by_lagrange(leg: Leg, joints: Joints, moving: Motion, under: Ground) -> Holds:
+def by_lagrange(leg: Leg, joints: Joints, moving: LegMotion, under: Ground) -> Holds:
     turning = (moving.hip, moving.flexion, moving.ankle)
     return Chain(leg).holds(
         np.array([joints.hip, joints.flexion, joints.ankle]),
@@ -120,10 +120,10 @@ def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(dra
     )
 
 
-def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
+def along(samples: Samples, window: float = WINDOW) -> list[LegMotion]:
     """At every sample of a stream."""
-    told = MotionFilter(window)
-    return [told.add_angles(*sample) for sample in samples]
+    motion = MotionFilter(window)
+    return [motion.add_angles(*sample) for sample in samples]
 
 
 def within(samples: Samples, span: int = SPAN) -> Samples:
@@ -131,7 +131,7 @@ def within(samples: Samples, span: int = SPAN) -> Samples:
     return [sample for sample in samples if samples[-1][0] - sample[0] <= span]
 
 
-def assert_fitted(found: Motion, samples: Samples, window: float = WINDOW) -> None:
+def assert_fitted(found: LegMotion, samples: Samples, window: float = WINDOW) -> None:
     """As by NumPy, about the middle of the stamps, but for rounding."""
     times = np.array([1e-9 * (stamp - samples[0][0]) for stamp, _ in samples])
     times -= times.mean()
@@ -159,24 +159,24 @@ def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> No
 def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) -> None:
     """However long the stream has run, and whatever came before: no sum goes on from one stamp to the next."""
     samples = walking(3000, step, shaken)
-    told = MotionFilter(WINDOW)
+    motion = MotionFilter(WINDOW)
     for number in range(1000):
-        told.add_angles(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
-    found = [told.add_angles(*sample) for sample in samples]
+        motion.add_angles(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
+    found = [motion.add_angles(*sample) for sample in samples]
     assert found[-1] != MOTIONLESS
     for number in range(2000, 3000, 97):
         assert along(within(samples[: number + 1]))[-1] == found[number]
 
 
-def test_it_forgets_when_told_and_after_a_pause() -> None:
-    samples, told = walking(200), MotionFilter(WINDOW)
+def test_it_forgets_on_request_and_after_a_pause() -> None:
+    samples, motion = walking(200), MotionFilter(WINDOW)
     for sample in samples:
-        told.add_angles(*sample)
-    told.forget_angles()
+        motion.add_angles(*sample)
+    motion.forget_angles()
     earlier, later = (
         [(stamp + shift * MS, joints) for stamp, joints in samples] for shift in (-3000, 60000)
     )
-    assert [told.add_angles(*sample) for sample in [*earlier, *later]] == [
+    assert [motion.add_angles(*sample) for sample in [*earlier, *later]] == [
         *along(earlier),
         *along(later),
     ]

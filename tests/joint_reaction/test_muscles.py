@@ -64,7 +64,7 @@ def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> 
         assert moment_arm(coefficients, angle) == pytest.approx(expected, rel=1e-14)  # roundings
         assert 0.005 < moment_arm(coefficients, angle) < 0.06
     for end, sign in zip(np.radians(span).tolist(), (-1.0, 1.0), strict=True):
-        # the end is told with four decimals of a radian, and no arm changes by more than 0.05 m/rad
+        # the end is given with four decimals of a radian, and no arm changes by more than 0.05 m/rad
         assert moment_arm(coefficients, end + sign) == pytest.approx(
             moment_arm(coefficients, end), abs=0.05 * 5e-5
         )
@@ -95,8 +95,8 @@ class Arms(NamedTuple):
 
 def arms(flexion: float, scale: float = 1.0) -> Arms:
     """By NumPy's polynomials."""
-    told = (package.QUADRICEPS_ARM, package.HAMSTRINGS_ARM, package.GASTROCNEMIUS_ARM)
-    return Arms(*[scale * float(np.polynomial.polynomial.polyval(flexion, one)) for one in told])
+    curves = (package.QUADRICEPS_ARM, package.HAMSTRINGS_ARM, package.GASTROCNEMIUS_ARM)
+    return Arms(*[scale * float(np.polynomial.polynomial.polyval(flexion, one)) for one in curves])
 
 
 @given(moment=moments, flexion=flexions, calf=calves, floor=floors, scale=scales)

@@ -20,9 +20,9 @@ from knee_contact_ros.lab.uncertainty import (
     deviations_of,
     read_uncertain_gait,
 )
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from tests.helpers.bags import raw_messages, write_rosbag2
+from tests.helpers.offline import solve
 from tests.offline.test_solve import make_bag
 
 HEALTHY: dict[str, Any] = {}

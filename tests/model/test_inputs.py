@@ -1,4 +1,4 @@
-"""Angles and loads of no knee are told, with values and the likely cause; those of 2000 different gaits are not."""
+"""Implausible angles and loads are reported with values and the likely cause; those of 2000 gaits are not."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def gait(generator: np.random.Generator | None = None) -> Columns:
     return time, np.radians(angle), load
 
 
-def told(
+def sentences_about(
     time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | None = WEIGHT
 ) -> list[str]:
-    """What is said of a run, the same of all at once and in parts."""
+    """Return the sentences about a run, the same of all at once and in parts."""
     whole, parts = InputCheck(weight), InputCheck(weight)
     stamps = np.rint(1e9 * time).astype(np.int64)
     whole.add_samples(stamps, angle, load)
@@ -98,10 +98,10 @@ def told(
         ),
     ],
 )
-def test_what_no_knee_does_is_told_in_one_sentence(
+def test_an_implausible_input_is_reported_in_one_sentence(
     change: Callable[..., Columns], words: str
 ) -> None:
-    sentences = told(*change(*gait()))
+    sentences = sentences_about(*change(*gait()))
     assert len(sentences) == 1
     assert words in sentences[0]
 
@@ -109,13 +109,15 @@ def test_what_no_knee_does_is_told_in_one_sentence(
 def test_two_thousand_gaits_are_not_doubted() -> None:
     for seed in range(2000):
         time, angle, load = gait(np.random.default_rng(seed))
-        assert told(time, angle, load) == [], seed
-        assert told(time, angle, 0.5 * load, None) == [], seed
-        assert told(time, angle, 0.25 * load) == [], seed  # half of it borne by an exoskeleton
+        assert sentences_about(time, angle, load) == [], seed
+        assert sentences_about(time, angle, 0.5 * load, None) == [], seed
+        assert sentences_about(time, angle, 0.25 * load) == [], (
+            seed
+        )  # half of it borne by an exoskeleton
 
 
 def axes(forces: np.ndarray, frame: str = "") -> str:
-    """What is said of forces [N], the same of all at once and one by one."""
+    """Return the sentence about forces [N], the same of all at once and one by one."""
     whole, each = AxisCheck(frame), AxisCheck(frame)
     whole.add_forces(forces)
     for force in forces.tolist():
@@ -124,7 +126,7 @@ def axes(forces: np.ndarray, frame: str = "") -> str:
     return whole.sentence
 
 
-def test_a_load_along_another_axis_is_told() -> None:
+def test_a_load_along_another_axis_is_reported() -> None:
     _, _, load = gait()
     right = np.column_stack([0.2 * load, -load, 0.1 * load])
     assert axes(right) == ""
@@ -143,10 +145,10 @@ def test_a_load_along_another_axis_is_told() -> None:
 
 def test_a_run_warns_once_and_its_flight_is_implausible() -> None:
     model, (time, angle, load) = knee_contact_ros.load_model(compiled=False), gait()
-    with pytest.warns(UserWarning, match="the load was negative throughout") as told:
+    with pytest.warns(UserWarning, match="the load was negative throughout") as caught:
         answers = model.run(time, angle, -load)
-    assert len(told) == 1
-    assert told[0].filename == __file__
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
     assert ((answers.status & Status.IMPLAUSIBLE) != 0).sum() > 0.95 * len(answers)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

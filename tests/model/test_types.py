@@ -23,11 +23,11 @@ def test_numbers_are_read_out_of_a_rows_bytes(names: tuple[str, ...]) -> None:
     rows = blank_answers(1)
     for number, name in enumerate(FLAT.names or ()):
         rows.view(FLAT)[name] = number + 1
-    told = answer_struct(*names).unpack_from(rows.tobytes())
-    assert told == tuple(rows.view(FLAT)[name].item() for name in names)
+    values = answer_struct(*names).unpack_from(rows.tobytes())
+    assert values == tuple(rows.view(FLAT)[name].item() for name in names)
 
 
-def test_a_blank_row_is_all_zeros_and_an_untold_one_knows_no_number() -> None:
+def test_a_blank_row_is_all_zeros_and_an_unknown_one_has_no_number() -> None:
     assert np.array_equal(blank_answers(2).view(np.uint8), np.zeros(2 * ROW.itemsize, np.uint8))
     rows = unknown_answers(2).view(FLAT)
     for name in FLAT.names or ():

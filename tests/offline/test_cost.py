@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.bags import raw_messages
+from tests.helpers.offline import solve
 
 BAG = share_folder() / "bags" / "gait2354_right"
 ALLOWED = 1.02

@@ -14,10 +14,10 @@ from knee_contact_ros.bags.bag import Bag, RawMessage
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, FileLimits
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
-from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
+from knee_contact_ros.offline.estimate_load import LoadSummary
+from knee_contact_ros.offline.output import SOURCE_DAMAGE
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -29,6 +29,7 @@ from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
+from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
@@ -76,7 +77,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     pipeline, expected, told = (
         LoadPipeline(load_parameters(WHOLE_LEG, LoadParameters)),
         [],
-        list[Estimate](),
+        list[LoadEstimateFields](),
     )
     for answer in answers_to(pipeline, WALK):
         for topic, stamp, data in answer.records()[-2:]:

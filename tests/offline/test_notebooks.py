@@ -14,9 +14,10 @@ from knee_contact_ros import Results, UsageError
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
-from knee_contact_ros.offline.estimate_load import ESTIMATE, estimate_load
+from knee_contact_ros.offline.estimate_load import ESTIMATE
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
+from tests.helpers.offline import estimate_load
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 

@@ -12,12 +12,11 @@ import pytest
 
 from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, walk, walking_bag
 from tests.offline.test_solve import make_bag
 

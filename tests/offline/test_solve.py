@@ -13,7 +13,6 @@ from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import (
@@ -24,6 +23,7 @@ from knee_contact_ros.streams.messages import (
 )
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.offline import solve
 
 OUTPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.offline import solve as solve_module
-from knee_contact_ros.offline.solve import Run, solve
+from knee_contact_ros.offline.solve import SolveRun
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import load_parameters
@@ -27,6 +27,7 @@ from knee_contact_ros.streams.messages import (
 )
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import raw_messages
+from tests.helpers.offline import solve
 
 MILLISECOND = 1_000_000
 Message = tuple[str, int, bytes]
@@ -84,17 +85,17 @@ def taken_at_once(
 ) -> int:
     """How many blocks were taken at once; the outcome is the same as one by one, and so is the file."""
     bag, taken = write(folder / "bag.mcap", messages), []
-    at_once = Run._take_at_once
+    at_once = SolveRun._solve_at_once
 
-    def counted(run: Run, rows: list) -> bool:  # type: ignore[type-arg]
+    def counted(run: SolveRun, rows: list) -> bool:  # type: ignore[type-arg]
         taken.append(at_once(run, rows))
         return taken[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(solve_module, "BLOCK", block)
-        patch.setattr(Run, "_take_at_once", counted)
+        patch.setattr(solve_module, "BATCH_SIZE", block)
+        patch.setattr(SolveRun, "_solve_at_once", counted)
         first = outcome(bag, parameters, folder / "blocks" / "out.mcap")
-        patch.setattr(Run, "_take_at_once", lambda _run, _rows: False)
+        patch.setattr(SolveRun, "_solve_at_once", lambda _run, _rows: False)
         other = outcome(bag, parameters, folder / "single" / "out.mcap")
     assert first == other
     files = [

@@ -14,14 +14,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE_TYPE
 from knee_contact_ros.streams.frames import FORCE_TURNED, TF_MESSAGE, TF_STATIC
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap, raw_messages
+from tests.helpers.offline import solve
 
 STEP = 5_000_000
 STAMPS = [1_000_000_000 + i * STEP for i in range(60)]
@@ -34,7 +34,7 @@ STATE = (
 VALUE = "control_msgs/msg/InterfaceValue"
 OWN = {
     VALUE: "string[] interface_names\nfloat64[] values\n",
-    DYNAMIC_JOINT_STATE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
+    DYNAMIC_JOINT_STATE_TYPE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
     "exo_msgs/msg/State": STATE,
     "exo_msgs/msg/Joint": "string name\nfloat32 angle_deg\nfloat64 angle\n",
 }
@@ -87,7 +87,7 @@ def dynamic(stamp: int, angle: float, _load: float, interface: str = "position")
     values += [
         message(VALUE, ["velocity", interface], np.array([np.nan, at])) for at in (9.9, angle)
     ]
-    return message(DYNAMIC_JOINT_STATE, head(stamp), ["motor", "hip", "knee"], values)
+    return message(DYNAMIC_JOINT_STATE_TYPE, head(stamp), ["motor", "hip", "knee"], values)
 
 
 def in_frame(frame: str, along: Callable[[float], Any]) -> Make:
@@ -190,7 +190,7 @@ CASES: dict[str, tuple[str, str, dict[str, tuple[str, Make]]]] = {
     "joint states of ros2_control": (
         "dynamic_joint_states",
         "joint_reaction_force",
-        dict([("/dynamic_joint_states", (DYNAMIC_JOINT_STATE, dynamic)), FORCE]),
+        dict([("/dynamic_joint_states", (DYNAMIC_JOINT_STATE_TYPE, dynamic)), FORCE]),
     ),
     "a body with an id": (
         "/humans/bodies/*/joint_states",
@@ -351,7 +351,7 @@ def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: P
             "joint 'knee' has no interface position; it has velocity, encoder",
         ),
     ):
-        made = (DYNAMIC_JOINT_STATE, partial(dynamic, interface=interface))
+        made = (DYNAMIC_JOINT_STATE_TYPE, partial(dynamic, interface=interface))
         bag = bag_of(
             tmp_path / f"{interface}.mcap", dict([("/dynamic_joint_states", made), FORCE])
         )

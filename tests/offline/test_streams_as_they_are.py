@@ -19,7 +19,6 @@ from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
@@ -32,6 +31,7 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES, typestore
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import Mcap, raw_messages, write_rosbag2
+from tests.helpers.offline import solve
 
 STEP = 5_000_000
 MOMENT = 600

@@ -1,4 +1,4 @@
-"""From names to models, in this process and another; subject files; and what makes no sense in parameters is told."""
+"""From names to models, in this process and another; subject files; and implausible parameters are reported."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
     assert changed.patch == made.patch
 
 
-def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(
+def test_a_level_of_earlier_versions_is_dynamic_and_one_line_is_logged(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     schema._warn_first_order_removed.cache_clear()
@@ -121,7 +121,7 @@ def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(
     )
 
 
-def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(
+def test_a_law_that_breaks_the_contract_is_refused_by_its_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made = ContactLaw((Layer(stiffness=1e7), Layer(0.0, 0.0, 1e8)))
@@ -141,7 +141,7 @@ def law_with_an_edge(
     return CONTACT_LAWS["hertz"](stiffness=stiffness, exponent=1.0 + edge)
 
 
-def test_what_a_law_alone_asks_for_is_a_parameter() -> None:
+def test_a_constant_of_one_law_is_a_parameter() -> None:
     section = with_constants_of_laws({**CONTACT_LAWS, "edged": law_with_an_edge})
     assert set(section.model_fields) == {*ContactSection.model_fields, "edge"}
     assert section.model_fields["edge"].description == "[m] of it"
@@ -183,7 +183,7 @@ def test_the_generic_model_is_the_papers(tmp_path: Path) -> None:
     assert scaled.body_weight == pytest.approx(711.963, abs=1e-3)
 
 
-def test_all_that_it_may_say(tmp_path: Path, config: Path) -> None:
+def test_a_subject_file_sets_all_that_it_may(tmp_path: Path, config: Path) -> None:
     shutil.copy(config / "femur_medial.csv", tmp_path / "mine.csv")
     text = """
 name: somebody
@@ -237,7 +237,7 @@ def test_what_is_not_allowed_is_one_line(tmp_path: Path, text: str, words: str) 
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_solve_takes_it_and_says_what_is_missing(
+def test_solve_takes_a_subject_and_reports_what_is_missing(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = subject(
@@ -331,17 +331,17 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
         ({"body_weight": 75.0}, r"^body_weight 75 N: is it kg\? 75 kg weigh 735\.5 N$"),
     ],
 )
-def test_parameters_in_another_unit_are_told_in_a_sentence(
+def test_parameters_in_another_unit_are_reported_in_a_sentence(
     values: dict[str, Any], words: str
 ) -> None:
-    with pytest.warns(UserWarning, match=words) as told:
+    with pytest.warns(UserWarning, match=words) as caught:
         knee_contact_ros.load_model(values)
-    assert len(told) == 1
-    assert "\n" not in str(told[0].message)
-    assert told[0].filename == __file__  # where the user called
+    assert len(caught) == 1
+    assert "\n" not in str(caught[0].message)
+    assert caught[0].filename == __file__  # where the user called
 
 
-def test_a_contact_that_is_on_no_plateau_says_so() -> None:
+def test_a_contact_beyond_the_plateau_is_reported() -> None:
     """Of a femur whose origin is at the hip."""
     nothing = dict.fromkeys(("flexion_angle", "penetration_depth", "gap"), np.zeros(4))
     watch = Doubts()
@@ -362,7 +362,7 @@ def test_a_contact_that_is_on_no_plateau_says_so() -> None:
     assert (watch.too_deep, watch.flown) == (0, 0)
 
 
-def test_solve_says_it_on_the_terminal_and_in_its_table(
+def test_solve_reports_it_on_the_terminal_and_in_its_table(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "out.mcap"

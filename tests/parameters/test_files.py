@@ -120,16 +120,13 @@ def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(
     base = load_parameters(common)
     before, varied = base.model_dump_json(), variations_of(base)
     for values in VARIED:
-        found = [
-            told(lambda values=values: varied(values)),
-            told(lambda values=values: load_parameters([base, values])),
-        ]
-        assert found[0] == found[1], values
+        loaded = contents(lambda values=values: load_parameters([base, values]))
+        assert contents(lambda values=values: varied(values)) == loaded, values
     assert base.model_dump_json() == before
 
 
-def told(made: Callable[[], Parameters]) -> str:
-    """All that makes an answer of some parameters, or why there are none."""
+def contents(made: Callable[[], Parameters]) -> str:
+    """Return all values that an answer depends on, or why there are none."""
     try:
         parameters = made()
     except UsageError as error:
@@ -214,14 +211,14 @@ def test_inputs_allow_levels_and_auto_is_the_last_of_them(
         )
 
 
-def test_shipped_files_load_and_say_their_level(config: Path) -> None:
+def test_shipped_files_load_and_name_their_level(config: Path) -> None:
     names = {f"load/{path.stem}": path for path in shipped_parameter_files("load")}
     assert set(names) == {"load/gait2354", "load/insole", "load/inverse_dynamics"}
     for name, path in names.items():
         first, level = path.read_text().splitlines()[0], load(name).chosen_level
         assert first.startswith(f"# Level {level}: "), name
         assert load(path) == load(config / "load" / path.name) == load(name)
-    assert load("load/insole") == load({})  # what it says are the defaults, said aloud
+    assert load("load/insole") == load({})  # it sets the defaults
 
 
 def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
@@ -241,81 +238,40 @@ def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
 CIRCLE = {"tibia.geometry": "circle"}
 REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
     Parameters: [
-        (
-            {"contact.damping": -1.0},
-            r"contact\.damping: -1\.0 is not allowed; it should be greater than or equal to 0",
-        ),
-        (
-            {"contact.damping": "5000"},
-            r"contact\.damping: '5000' is not allowed; it should be a valid number",
-        ),
+        ({"contact.damping": -1.0}, r"damping: -1\.0 .* greater than or equal to 0"),
+        ({"contact.damping": "5000"}, r"contact\.damping: '5000' is not .* a valid number"),
         ({"contact.damping": float("nan")}, "nan is not allowed; it should be a finite number"),
-        (
-            {"contact.law": "hook"},
-            r"contact\.law: 'hook' is not allowed; allowed: .*hertz, kelvin_voigt",
-        ),
+        ({"contact.law": "hook"}, r"'hook' is not allowed; allowed: .*hertz, kelvin_voigt"),
         ({"contact.allow_tension": 1}, "1 is not allowed; it should be a valid boolean"),
         ({"contact.poissons_ratio": 0.5}, "less than 0.5"),
-        (
-            {"record.max_size": 0.01},
-            r"max_size: 0\.01 is not allowed; allowed: 0 \(off\) or a number >= 0\.1",
-        ),
+        ({"record.max_size": 0.01}, r"0\.01 .*; allowed: 0 \(off\) or a number >= 0\.1"),
         ({"fidelity.force_tolerance": 1e-10}, r"0 \(off\) or a number >= 1e-09"),
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
-        (
-            {"contact.dampin": 1.0},
-            r"unknown parameter contact\.dampin; did you mean contact\.damping\?",
-        ),
+        ({"contact.dampin": 1.0}, r"unknown .* contact\.dampin; did you mean contact\.damping\?"),
         ({"zzz": 1.0}, r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("),
         ({"femur.geometry": "profile"}, r"femur\.profile is empty"),
         ({"translation.mechanism": "table"}, r"translation\.table is empty"),
         (CIRCLE | {"tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
-        (
-            CIRCLE | {"tibia.radius": 0.034},
-            r"tibia\.radius: 0\.034 .* exceed femur\.radius, 0\.034",
-        ),
-        (
-            {"contact.stiffness_from": "material", "contact.exponent": 1.0},
-            r"contact\.exponent: 1 .* needs 1\.5",
-        ),
-        (
-            {"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03},
-            r"tibial_radius: 0\.03 .* 0\.034",
-        ),
+        (CIRCLE | {"tibia.radius": 0.034}, r"0\.034 .* exceed femur\.radius, 0\.034"),
+        ({"contact.stiffness_from": "material", "contact.exponent": 1.0}, r"1 .* needs 1\.5"),
+        ({"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03}, r"0\.03 .* 0\.034"),
         ({"femur.scale": 1.1}, r"femur\.scale: 1\.1 is not allowed; only femur\.geometry profile"),
     ],
     LoadParameters: [
-        (
-            {"level": "muscles"},
-            r"level: 'muscles' is not allowed; .*auto, ground_force, knee_moment, ankle_moment",
-        ),
+        ({"level": "muscles"}, r"'muscles' is .*auto, ground_force, knee_moment, ankle_moment"),
         ({"knee.joint_name": ""}, r"knee\.joint_name: '' is not allowed"),
-        (
-            {"hip.joint_name": "knee"},
-            r"parameter knee\.joint_name: knee, knee are not different joints",
-        ),
-        (
-            {"ankle.assisted": True},
-            r"ankle\.assisted: True is not allowed; ankle\.joint_name is empty",
-        ),
+        ({"hip.joint_name": "knee"}, r"knee\.joint_name: knee, knee are not different joints"),
+        ({"ankle.assisted": True}, r"True is not allowed; ankle\.joint_name is empty"),
         ({"hip.assisted": True}, r"unknown parameter hip\.assisted"),
         ({"frame.tibia": ""}, r"frame\.tibia: '' is not allowed"),
-        (
-            {"frame.ground": "/plate"},
-            r"frame\.ground: '/plate' is not allowed; .*without a slash before it",
-        ),
+        ({"frame.ground": "/plate"}, r"'/plate' is not allowed; .*without a slash before it"),
         ({"person.height": 175.0}, r"person\.height: 175\.0 is not allowed; .*2\.5"),
-        (
-            {"standard_deviation": 0.001},
-            r"standard_deviation: 0\.001 .* 0 \(as measured for the level\) or a num",
-        ),
+        ({"standard_deviation": 0.001}, r"0\.001 .* 0 \(as measured for the level\) or a num"),
     ],
 }
-OURS, LOAD = (
-    r"\(healthy, .*osteoarthritis.*\)",
-    r"\(load/gait2354, load/insole, load/inverse_dynamics\)",
-)
+OURS = r"\(healthy, .*osteoarthritis.*\)"
+LOAD = r"\(load/gait2354, load/insole, load/inverse_dynamics\)"
 NO_SOURCES: tuple[Any, ...] = (None, "", 3, [None], ["healthy", ""])
 MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
     Parameters: [
@@ -354,30 +310,21 @@ def test_what_is_not_allowed_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+ALL_NODES = "/**:\n  ros__parameters: "
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         ("a: [", "not a YAML file"),
         ("- 1", "must map node names"),
-        (
-            "other_node:\n  ros__parameters: {x: 1}",
-            "no parameters for node knee_contact; found other_node",
-        ),
-        ("/**:\n  ros__parameters: {contact: {damping: -1.0}}", "contact.damping"),
+        ("other:\n  ros__parameters: {x: 1}", "for node knee_contact; found other"),
+        (ALL_NODES + "{contact: {damping: -1.0}}", "contact.damping"),
         ("\xff", "unknown|map node names|YAML"),
-        (
-            "/**:\n  ros__parameters:\n    femur.mass: 8\n    femur: {mass: 9.5}",
-            r"femur\.mass is given twice$",
-        ),
-        ("/**:\n  ros__parameters: {}\n/**:\n  ros__parameters: {}", r"/\*\* is given twice$"),
-        (
-            "/**/knee_contact:\n  ros__parameters: [1]",
-            r"ros__parameters must map names to values, got \[1\]",
-        ),
-        (
-            "/**/knee_contact:\n  ros__parameters: 5",
-            "ros__parameters must map names to values, got 5",
-        ),
+        (ALL_NODES + "{femur.mass: 8, femur: {mass: 9.5}}", r"femur\.mass is given twice$"),
+        (f"{ALL_NODES}{{}}\n{ALL_NODES}{{}}", r"/\*\* is given twice$"),
+        (ALL_NODES + "[1]", r"ros__parameters must map names to values, got \[1\]"),
+        (ALL_NODES + "5", "ros__parameters must map names to values, got 5"),
     ],
 )
 def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str) -> None:
@@ -389,42 +336,21 @@ def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str)
     assert "\n" not in str(caught.value)
 
 
-LEFT, LEG = (
-    "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n",
-    "/l/knee_load:\n  ros__parameters: ",
-)
+LEFT = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n"
+LEG = "/l/knee_load:\n  ros__parameters: "
+SLOPED = "ros__parameters: {tibia.slope: 0.1}\n"
 
 
 @pytest.mark.parametrize(
     ("schema", "content", "words"),
     [
         (Parameters, "other_node:\n  ros__parameters: {x: 1}", ""),
-        (Parameters, LEFT + "/right/knee_contact:\n  ros__parameters: {tibia.slope: 0.1}\n", ""),
-        (
-            Parameters,
-            LEFT + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n",
-            r"parameter tibia\.slope: 0\.1 is not al",
-        ),
-        (
-            Parameters,
-            "/**:\n  ros__parameters: {tibia.slop: 0.1}\n",
-            r"unknown parameter tibia\.slop",
-        ),
-        (
-            LoadParameters,
-            LEG + "{knee.joint_name: k}\n/r/knee_load:\n  ros__parameters: {knee.joint_name: q}\n",
-            "",
-        ),
-        (
-            LoadParameters,
-            LEG + "{level: ankle_moment}\n",
-            "parameter level: 'ankle_moment' is not allowed",
-        ),
-        (
-            LoadParameters,
-            "/**:\n  ros__parameters: {body_weight: 588.4}\n",
-            "unknown parameter body_weight; ",
-        ),
+        (Parameters, f"{LEFT}/right/knee_contact:\n  {SLOPED}", ""),
+        (Parameters, f"{LEFT}/**:\n  {SLOPED}", r"parameter tibia\.slope: 0\.1 is not al"),
+        (Parameters, ALL_NODES + "{tibia.slop: 0.1}", r"unknown parameter tibia\.slop"),
+        (LoadParameters, f"{LEG}{{knee.joint_name: k}}\n{LEG.replace('l', 'r', 1)}{{}}", ""),
+        (LoadParameters, LEG + "{level: ankle_moment}", "parameter level: 'ankle_moment' is not"),
+        (LoadParameters, ALL_NODES + "{body_weight: 588.4}", "unknown parameter body_weight; "),
     ],
 )
 def test_knees_may_share_a_file(
@@ -554,7 +480,7 @@ def test_parameters_of_a_recording_are_names_and_values(
         ([0.01, 0.01], ""),
     ],
 )
-def test_a_femur_that_leaves_the_plateau_is_told(
+def test_a_femur_that_leaves_the_plateau_is_reported(
     origin: list[float], words: str, tmp_path: Path
 ) -> None:
     """The arc's centre lies near the femur's origin, or far from it as of a mesh from a scanner."""
@@ -562,7 +488,9 @@ def test_a_femur_that_leaves_the_plateau_is_told(
     path = tmp_path / "curve.csv"
     arc = -0.03 * np.column_stack([np.sin(turn), np.cos(turn)]) - origin
     path.write_text("".join(f"{x:.6f},{y:.6f}\n" for x, y in arc))
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         knee_contact_ros.load_model(naming(PROFILE, path))
-    assert [bool(re.search(words, str(each.message))) for each in told] == [True] * bool(words)
+    assert [bool(re.search(words, str(each.message))) for each in caught] == (
+        [True] if words else []
+    )

@@ -1,4 +1,4 @@
-"""The compartment's part of a joint reaction: by rules, by a table, and what is said of a split that cannot be used."""
+"""The compartment's part of a joint reaction: by rules, by a table, and the report of a split that cannot be used."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_recording_has_the_table_of_shares_that_it_was_made_with(
 
 
 @pytest.mark.parametrize("leg", ["right", "left"])
-def test_a_split_that_no_knee_has_is_told_and_flagged(
+def test_an_impossible_split_is_reported_and_flagged(
     leg: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of gait2354's moments between compartments 40 mm apart; between the default 70 mm nothing is wrong."""
@@ -91,9 +91,9 @@ def test_a_split_that_no_knee_has_is_told_and_flagged(
         "load.compartment:=moment_balance",
     ]
     assert main([*balance, "--output", str(output)]) == 0
-    said = capsys.readouterr()
-    assert "share of the load" in said.out
-    assert said.err == ""
+    printed = capsys.readouterr()
+    assert "share of the load" in printed.out
+    assert printed.err == ""
     assert not read_answers(output, "/knee_contact")["status"].any()
     narrow = [*balance, "-p", "load.compartment_spacing:=0.04", "--overwrite"]
     assert main([*narrow, "--output", str(output)]) == 0

@@ -175,9 +175,9 @@ def test_units_are_those_of_the_message() -> None:
     fields = re.findall(
         r"^\w[\w/]+ (\w+) +# (?:\[(.+?)\])?", (ROOT / "msg" / "KneeContact.msg").read_text(), re.M
     )
-    told = {name: unit for name, unit in fields if name != "header"}
-    assert len(told) > 12
-    assert {name: unit_of(name if name in FIELDS else f"{name}_x") for name in told} == told
+    units = {name: unit for name, unit in fields if name != "header"}
+    assert len(units) > 12
+    assert {name: unit_of(name if name in FIELDS else f"{name}_x") for name in units} == units
     assert unit_of("contact_wrench_torque_z") == "N m"
 
 
@@ -225,12 +225,12 @@ for name, method, arguments in (
 """
 
 
-def test_what_is_missing_is_said_in_a_line() -> None:
-    said = subprocess.run(
+def test_a_missing_library_is_named_in_a_line() -> None:
+    printed = subprocess.run(
         [sys.executable, "-c", ABSENT], capture_output=True, text=True, check=True
     ).stdout
     names = ("pandas", "polars", "xarray", "matplotlib")
-    for line, name in zip(said.splitlines(), names, strict=True):
+    for line, name in zip(printed.splitlines(), names, strict=True):
         assert line.startswith(f"{name} is not installed; ")
         assert "notebook" in line
 

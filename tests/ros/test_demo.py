@@ -15,11 +15,11 @@ import pytest
 
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.view.output import DISPLAY_VARIABLES
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
+from tests.helpers.offline import solve
 from tests.helpers.processes import internet_sockets
 from tests.helpers.terminals import Terminal
 from tests.offline.test_solve import make_bag

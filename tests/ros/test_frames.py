@@ -17,7 +17,6 @@ from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.frames import (
     TF_MESSAGE,
     TF_STATIC,
@@ -27,6 +26,7 @@ from knee_contact_ros.streams.frames import (
     isb_transform,
 )
 from tests.helpers.messages import RosMessages, header
+from tests.helpers.offline import solve
 from tests.helpers.walking import FORCE, walk
 from tests.offline.test_sources import DYNAMIC_JOINT_STATE, STORE, answers, dynamic
 from tests.ros.conftest import Peer, Start

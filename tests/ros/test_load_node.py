@@ -19,13 +19,12 @@ from knee_contact_ros.bags.bag import Bag, RawMessage
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED
+from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 from tests.ros.conftest import Peer, Start, answers_in, change_state, raw, set_parameters, state_of
 

@@ -22,7 +22,6 @@ from rosgraph_msgs.msg import Clock
 import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.system.ros import NO_EVENTS_EXECUTOR
@@ -30,6 +29,7 @@ from tests.helpers.answers import FIELDS
 from tests.helpers.forked import COMMAND
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import HAS_VIEWER, needs_viewer
+from tests.helpers.offline import solve
 from tests.helpers.package import copy_of_the_package
 from tests.helpers.patience import patience
 from tests.helpers.processes import has_ended, internet_sockets

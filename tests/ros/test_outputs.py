@@ -19,9 +19,9 @@ from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
 from knee_contact_ros.node.outputs import MOST_ENDING
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from tests.helpers.needs import needs_viewer
+from tests.helpers.offline import solve
 from tests.helpers.patience import wait_until
 from tests.helpers.processes import has_ended
 from tests.ros.conftest import NodeProcess, Peer, Start, raw, set_parameters, trigger

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
+from tests.helpers.offline import estimate_load, solve
 from tests.offline.test_sources import (
     ANGLE,
     ANGLES,

@@ -16,10 +16,10 @@ from mcap.reader import make_reader
 
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, RECORDED
 from scripts.make_layouts import LANES, PLOTS, files
+from tests.helpers.offline import solve
 
 MADE = dict(files())
 SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1

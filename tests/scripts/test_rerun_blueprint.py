@@ -18,10 +18,10 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.chunk import RrdReader
 
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from scripts.make_layouts import COLOURS, JOINTS, LANES, PLOTS, STATES
 from scripts.make_rerun_blueprint import APPLICATION, TIMELINE, application_of, blueprint
+from tests.helpers.offline import solve
 from tests.helpers.viewer import RERUN, Screen, pixels_of, rendered, wait_for
 
 PEAK = 2_430_000_000

@@ -17,7 +17,6 @@ from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import FLAT, ROW, Rows, Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
@@ -30,6 +29,7 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
+from tests.helpers.offline import solve
 from tests.helpers.scenes import quick
 
 STEP = 5_000_000

@@ -13,7 +13,7 @@ from knee_contact_ros.msg import LoadEstimate
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.bag import RawMessage
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimate
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, LoadEstimateFields
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -47,11 +47,11 @@ def take(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[LoadAnswer]
     return list(answers_to(pipe, messages))
 
 
-def by_stamp(answers: Iterable[LoadAnswer]) -> dict[int, Estimate]:
+def by_stamp(answers: Iterable[LoadAnswer]) -> dict[int, LoadEstimateFields]:
     return {answer.sensed.stamp: answer.estimate for answer in answers}
 
 
-def estimates(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[Estimate]:
+def estimates(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[LoadEstimateFields]:
     answers = [*take(pipe, messages), *pipe.finish_streams()]
     return [answer.estimate for answer in answers]
 
@@ -66,13 +66,13 @@ def force(stamp: int, wrench: WrenchStamped | None = None, **parts: Any) -> RawM
     return RawMessage(FORCE, stamp, encode_wrench_stamped(told))
 
 
-def once(values: Any, efforts: tuple[float, ...] = (), **parts: Any) -> Estimate:
+def once(values: Any, efforts: tuple[float, ...] = (), **parts: Any) -> LoadEstimateFields:
     """The estimate for one pose and one force."""
     (found,) = estimates(pipeline(values), [state(0, efforts, **POSE), force(0, **parts)])
     return found
 
 
-def same(one: Estimate, other: Estimate, within: float = 0.0) -> bool:
+def same(one: LoadEstimateFields, other: LoadEstimateFields, within: float = 0.0) -> bool:
     """Whether two estimates are alike; what is not a number is like itself."""
     return all(
         a == pytest.approx(b, abs=within, rel=0.0, nan_ok=True)
@@ -129,7 +129,7 @@ def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -
 def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
     """Where they go on they are elsewhere, and nothing has jumped there; forces are given up meanwhile, or wait."""
     messages, silence = walk(200), range(300 * MS, (300 + pause) * MS)
-    pipe, found = pipeline(), dict[int, Estimate]()
+    pipe, found = pipeline(), dict[int, LoadEstimateFields]()
     for message in messages:
         if message.topic == ANGLES and message.log_time in silence:
             continue
@@ -225,7 +225,8 @@ def test_whatever_is_taken_gives_a_finite_estimate(
 TYPE = MESSAGE_TYPES[LOAD_ESTIMATE]
 KINDS = {"float": st.floats(), "int": st.integers(0, 255), "bool": st.booleans()}
 any_estimates = st.builds(
-    Estimate, **{name: KINDS[kind.__name__] for name, kind in get_type_hints(Estimate).items()}
+    LoadEstimateFields,
+    **{name: KINDS[kind.__name__] for name, kind in get_type_hints(LoadEstimateFields).items()},
 )
 frames = st.text(max_size=17).filter(lambda text: "\x00" not in text)
 """Of any length; a text of ROS's ends with a zero"""
@@ -234,12 +235,12 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 
 def fields_of(message: Any) -> list[str]:
     """What a message says behind its header; what is not a number is like itself."""
-    return [repr(getattr(message, name)) for name in Estimate._fields]
+    return [repr(getattr(message, name)) for name in LoadEstimateFields._fields]
 
 
 @given(stamps, frames, any_estimates)
 def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
-    stamp: int, frame: str, estimate: Estimate
+    stamp: int, frame: str, estimate: LoadEstimateFields
 ) -> None:
     plain = typestore().types[TYPE](
         header=header(PlainMessages, stamp, frame), **estimate._asdict()
@@ -261,4 +262,4 @@ def test_constants_are_those_of_the_package() -> None:
     assert [getattr(LoadEstimate, bit.name or "") for bit in known] == known
     assert sum(known) & UNUSABLE == LoadEstimate.UNUSABLE
     fields = [name for name in LoadEstimate.get_fields_and_field_types() if name != "header"]
-    assert fields == list(Estimate._fields)
+    assert fields == list(LoadEstimateFields._fields)

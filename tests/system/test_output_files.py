@@ -67,7 +67,7 @@ PLANTED: dict[str, Callable[[Path], None]] = {
 
 @pytest.mark.parametrize("what", PLANTED)
 @pytest.mark.parametrize("place", ["out.mcap", "out.mcap.partial"])
-def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place: str) -> None:
+def test_links_and_pipes_are_never_opened(tmp_path: Path, what: str, place: str) -> None:
     path, victim = tmp_path / "out.mcap", tmp_path / "victim"
     victim.write_text("another's")
     PLANTED[what](tmp_path / place)

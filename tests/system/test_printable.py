@@ -20,7 +20,7 @@ EVIL = "\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"
 SHOWN = r"\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"
 
 
-def test_what_does_not_print_is_spelled() -> None:
+def test_unprintable_characters_are_escaped() -> None:
     assert printable(EVIL) == SHOWN
     assert printable("µm Knie 膝 [a] \\x1b") == "µm Knie 膝 [a] \\x1b"
 
@@ -36,7 +36,7 @@ def test_errors_are_printable_lines() -> None:
     assert str(RefusedSampleError("joint_missing", EVIL)) == SHOWN
 
 
-def test_what_is_told_has_no_escape_codes(
+def test_printed_lines_have_no_escape_codes(
     old_recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     say(EVIL, err=True)
@@ -59,7 +59,7 @@ with progress("\x1b]0;mine\x07[/red]") as advance:
 """
 
 
-def test_a_bar_has_none_and_comes_to_its_end_and_in_a_pipe_there_is_no_bar() -> None:
+def test_a_bar_has_no_escape_codes_and_a_pipe_has_no_bar() -> None:
     with Terminal(sys.executable, "-c", PROGRAM) as terminal:
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/red\]")
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/green\].*100%")

@@ -72,7 +72,9 @@ def test_a_signal_while_it_starts_ends_it(
         ),
     ],
 )
-def test_why_it_has_ended_is_told(tmp_path: Path, output: str, told: str) -> None:
+def test_the_reason_of_an_ended_process_is_reported(
+    tmp_path: Path, output: str, told: str
+) -> None:
     words = f"import sys; sys.stdout.write({output!r}); sys.exit(3)"
     with (
         pytest.raises(UsageError, match=f"^it ended with code 3: {told}$"),
@@ -81,7 +83,7 @@ def test_why_it_has_ended_is_told(tmp_path: Path, output: str, told: str) -> Non
         child.process.wait()
 
 
-def test_a_parent_that_is_killed_leaves_none_behind(tmp_path: Path) -> None:
+def test_a_killed_parent_leaves_no_child(tmp_path: Path) -> None:
     command = [sys.executable, "-c", PARENT, str(tmp_path / "log")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as parent:
         assert parent.stdout

@@ -30,7 +30,7 @@ BEYOND = {
 
 
 @pytest.mark.parametrize("name", BEYOND)
-def test_what_is_beyond_the_bounds_is_refused(name: str) -> None:
+def test_yaml_beyond_the_bounds_is_refused(name: str) -> None:
     content, words = BEYOND[name]
     with pytest.raises(BadYamlError, match=words):
         parse_yaml(str(content))

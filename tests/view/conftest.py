@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
+from tests.helpers.offline import solve
 
 if TYPE_CHECKING:
     from knee_contact_ros.model.types import Rows

@@ -163,7 +163,7 @@ def test_surfaces_are_the_model_s(config: Path, name: str) -> None:
         ),
     ],
 )
-def test_the_law_tells_the_thickness_if_it_can(
+def test_the_thickness_is_that_of_the_law_if_it_has_one(
     changes: dict[str, Any], thickness: float, is_drawn: bool
 ) -> None:
     anatomy = anatomy_of(load_model(changes))
@@ -173,15 +173,13 @@ def test_the_law_tells_the_thickness_if_it_can(
     assert surface[[0, -1]] == pytest.approx(bone[[0, -1]])  # it thins out
 
 
-def test_the_bones_touch_where_the_law_says_so() -> None:
+def test_the_bones_touch_at_the_depth_of_the_law() -> None:
     for depth, touch in ((0.95e-3, False), (1.05e-3, True)):
         picture = pressed(load_model(TWO_LAYERS), 0.2, depth)
         assert Outline(picture.tibia_bone).contains_points(picture.femur_bone).any() == touch
 
 
-def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfaces_have_run_into_each_other() -> (
-    None
-):
+def test_the_overlap_is_empty_apart_and_fills_the_search_range_when_deep() -> None:
     whole = picture_of(load_model({}), 0.2, -0.03).overlap
     assert np.ptp(whole[:, 0]) == pytest.approx(2.0 * OVERLAP_REACH)
     picture = picture_of(load_model({}), 0.2, 0.035)
@@ -189,7 +187,7 @@ def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfac
     assert picture.overlap.shape == (0, 2)
 
 
-def test_what_is_drawn_is_as_deep_as_it_says() -> None:
+def test_the_drawn_overlap_has_the_depth_of_the_contact() -> None:
     # A circle on a plane.
     posed = picture_of(load_model(["healthy", "osteoarthritis"]), 0.1, 0.034 - 0.7e-3)
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
@@ -201,14 +199,12 @@ def test_what_is_drawn_is_as_deep_as_it_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth", "told"), [(0.7e-3, "0.700 mm deep\n(drawn × 10)"), (-0.4e-3, "0.400 mm apart")]
+    ("depth", "label"), [(0.7e-3, "0.700 mm deep\n(drawn × 10)"), (-0.4e-3, "0.400 mm apart")]
 )
-def test_depth_and_scale_are_told_and_a_knee_that_is_apart_is_drawn(
-    depth: float, told: str
-) -> None:
+def test_depth_and_scale_are_written_also_apart(depth: float, label: str) -> None:
     from matplotlib.figure import Figure
 
     knee = Figure().subplots()
     picture.draw_knee(knee, load_model("healthy"), 0.1, 0.034 - depth, 1000.0, 737.0)
     texts = {text.get_text() for text in knee.texts}
-    assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)", told} <= texts
+    assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)", label} <= texts

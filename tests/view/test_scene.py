@@ -55,7 +55,7 @@ Knee = tuple[KneeOutlines, Rows]
 SECOND = 1_000_000_000
 
 
-def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path) -> None:
+def test_entities_are_where_the_answers_are(right_bag: Path, tmp_path: Path) -> None:
     names = {
         "translation.mechanism": "parallel_mechanism",
         "tibia.geometry": "circle",
@@ -138,7 +138,7 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> N
     assert texts_of(drawn, "sagittal/depth", "Points2D:labels") == words
 
 
-def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: Path) -> None:
+def test_apart_there_is_no_overlap_and_the_force_stands_on_the_tibia(tmp_path: Path) -> None:
     flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
     rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
     drawing = outlines_of(load_model({}), "knee", WEIGHT)
@@ -286,7 +286,7 @@ def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> No
     )
 
 
-def test_states_are_written_where_they_change_and_repeated_where_what_is_old_gets_lost(
+def test_states_are_written_where_they_change_and_repeated_in_a_server(
     knee: Knee, drawn: Path, tmp_path: Path
 ) -> None:
     drawing, rows = knee
@@ -319,7 +319,7 @@ def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_
     assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in texts_of(path)
 
 
-def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
+def test_events_have_their_times(knee: Knee, drawn: Path) -> None:
     texts = texts_of(drawn)
     assert {
         "2.015 s  load peak 1.81 BW (1337.7 N)",
@@ -397,7 +397,7 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
     assert medial == pytest.approx(lateral, rel=1e-9)
 
 
-def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
+def test_several_knees_have_different_colours(knee: Knee) -> None:
     drawing, _ = knee
     both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
     assert title_of(both, KNEE_PLOTS[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")

@@ -95,15 +95,15 @@ def test_bags_are_computed_and_knees_stand_side_by_side(
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
-def test_doubts_about_a_bag_are_told_and_damage_ends_with_1(
+def test_doubts_about_a_bag_are_printed_and_damage_ends_with_1(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cut, path = tmp_path / "cut.mcap", tmp_path / "out.rrd"
     cut.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
     assert run(f"view {cut} -p contact.stiffness:=2500.0 --save {path}") == 1
-    printed, told = capsys.readouterr()
+    printed, reported = capsys.readouterr()
     assert printed == f"Rerun file   {path}\n"
-    soft, implausible, damaged = told.splitlines()
+    soft, implausible, damaged = reported.splitlines()
     assert "contact.stiffness" in soft
     assert " ticks " in implausible
     assert damaged.startswith(
@@ -160,7 +160,7 @@ def test_namespaces_are_knees(
     )
 
 
-def test_what_happened_to_the_node_is_seen_where_it_happened(
+def test_notes_of_the_node_stand_at_their_time(
     right_bag: Path, config: Path, tmp_path: Path
 ) -> None:
     """With the line where bone begins."""
@@ -184,7 +184,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
     )
     line = lists(path, "/knee/curves/layer", "Scalars:scalars")
     assert min(stamp for stamp, value in line if value[0] > 0.55) == 1_030_000_000
-    assert len(column(path, "/knee/curves/pressure")) == 100  # of another law nothing is said
+    assert len(column(path, "/knee/curves/pressure")) == 100  # nothing is known of another law
     assert len(column(path, "/knee/curves/loading_rate")) == 386
 
 
@@ -227,7 +227,7 @@ def test_bad_input_is_refused_in_one_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old.rrd", "text.mcap"]
 
 
-def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) -> None:
+def test_overwrite_replaces_an_old_file_but_no_input(osteoarthritic: Path, tmp_path: Path) -> None:
     (tmp_path / "old.rrd").write_text("old")
     assert run(f"view {osteoarthritic} --save {tmp_path}/old.rrd --overwrite") == 0
     before = osteoarthritic.read_bytes()
@@ -282,10 +282,11 @@ def test_browsers_are_served_until_ctrl_c(
         assert run(f"view {words}") == 2
         assert f"--port: {port} on 127.0.0.1: Address already in use" in capsys.readouterr().err
         os.kill(process.pid, signal.SIGINT)
-        said, errors = process.communicate(timeout=30.0)
+        printed, errors = process.communicate(timeout=30.0)
         assert (process.returncode, errors) == (0, "")
     assert (
-        f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
+        f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy"
+        in printed
     )
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port + 1)) != 0
@@ -305,8 +306,12 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         folder = Path(viewer.cmdline()[-1]).parent
         assert folder.is_dir()
         os.kill(process.pid, signal.SIGTERM)
-        said, errors = process.communicate(timeout=30.0)
-        assert (process.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
+        printed, errors = process.communicate(timeout=30.0)
+        assert (process.returncode, printed, errors.strip()) == (
+            130,
+            "",
+            "knee-contact: interrupted",
+        )
         assert has_ended(viewer)
         assert not folder.exists()
 

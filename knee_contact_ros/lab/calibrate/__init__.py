@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros import __version__
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.folder import MAGICS, files_of
 from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.calibrate import contact_problem, load_problem
-from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, Problem, find_fit
+from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, FitProblem, find_fit
 from knee_contact_ros.lab.calibrate.intervals import Interval, doubts, find_intervals
 from knee_contact_ros.lab.calibrate.unknowns import Free, Unknown, unknowns_of
 from knee_contact_ros.model.types import Floats
@@ -144,7 +145,7 @@ def calibrate(
             None: the healthy knee; for a bag, the defaults.
         free: Names of real parameters of `femur`, `tibia`, `contact`, or `load.share`; for a bag, those of `person`; or
             a mapping of names to the ends of a range narrower than the parameter's own, or None.
-        values: Values of single parameters, which override `params`.
+        values: ParameterValues of single parameters, which override `params`.
         sigma: Standard deviations of the columns' noise in their units (for a bag of `axial_force`). Those of other
             columns are estimated from the residuals.
         loss: `linear` (least squares), or `soft_l1` or `huber`, which are less sensitive to outliers.
@@ -156,7 +157,7 @@ def calibrate(
         namespace: Namespace of a bag's topics.
 
     Returns:
-        Values, intervals, correlations, noise, residuals, the fitted model's answers, and warnings.
+        ParameterValues, intervals, correlations, noise, residuals, the fitted model's answers, and warnings.
 
     Raises:
         UsageError: a file, column, topic, parameter or option cannot be used, or a parameter has no effect on what was
@@ -218,7 +219,7 @@ def calibrate(
     )
 
 
-def _check_data(problem: Problem, sigma: Mapping[str, float]) -> None:
+def _check_data(problem: FitProblem, sigma: Mapping[str, float]) -> None:
     """Refuse too few values, wrong inputs or a wrong start, and noise that cannot be used."""
     measured = problem.measured
     unknowns = problem.unknowns
@@ -279,13 +280,14 @@ def _problem(
     remaps: Sequence[str],
     namespace: str,
     compiled: bool | None,
-) -> Problem:
+) -> FitProblem:
     """Read the data and the parameters from which a fit starts."""
     bags = bags_in(data)
     given = params or (() if bags else DEFAULT_PARAMETERS)
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if bags:
-        person = parameters_for(bags[0], sources, namespace, LoadParameters)
+        with Bag(bags[0]) as first:
+            person = parameters_for(first, sources, namespace, LoadParameters)
         unknowns = unknowns_of(free, load_problem.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
@@ -320,7 +322,7 @@ def run_calibrate(
     Args:
         data: The table, or one or more bags.
         params: Parameter files; none: the healthy knee, or for a bag the load node's defaults.
-        values: Values of single parameters, by name.
+        values: ParameterValues of single parameters, by name.
         sigma: Standard deviations of columns, like penetration_depth=1e-6.
         output: The parameter file.
         overwrite: Whether to replace it.
@@ -343,7 +345,7 @@ def run_calibrate(
         remap=dict(split_rule(rule, "--remap") for rule in remaps),
         **options,
     )
-    write_complete({output: parameter_file(calibration, data, params, values).encode()})
+    write_complete({output: fitted_parameter_file(calibration, data, params, values).encode()})
     _show(calibration)
     say("")
     say(f"Parameters: {output}")
@@ -359,7 +361,7 @@ def _deviation(text: str) -> tuple[str, float]:
         return name, math.nan
 
 
-def parameter_file(
+def fitted_parameter_file(
     found: Calibration, data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any]
 ) -> str:
     """Write the parameter file as text: only the fitted values, with comments on their origin."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.lab.calibrate.fit import Conclusions, Data, Problem, Values
+from knee_contact_ros.lab.calibrate.fit import Conclusions, Data, FitProblem, ParameterValues
 from knee_contact_ros.lab.calibrate.unknowns import Unknown
 from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.headers import TableFormat, header_of
@@ -36,7 +36,7 @@ ANSWER_UNITS: dict[str, str] = {
 }
 """Columns to which the model is fitted, with their units; with drive displacement the height is an input"""
 UNITS = INPUT_UNITS | ANSWER_UNITS
-TOLERANCE = 1e-9
+FIT_TOLERANCE = 1e-9
 """Tolerance of the depth [m] while fitting: the model's error must be far below that of the measurement"""
 
 
@@ -189,7 +189,7 @@ def fittable() -> list[str]:
 
 
 @dataclass(frozen=True)
-class ContactProblem(Problem):
+class ContactProblem(FitProblem):
     """The problem of fitting the contact model of a compartment."""
 
     measured: Measured
@@ -200,10 +200,10 @@ class ContactProblem(Problem):
     texts: Mapping[str, str]
     """Contents of the files that parameters name, by parameter"""
 
-    def answers(self, values: Values) -> Results:
-        """Compute the answers, shape (n,); see `Problem.answers`.
+    def answers(self, values: ParameterValues) -> Results:
+        """Compute the answers, shape (n,); see `FitProblem.answers`.
 
-        Values are within their ranges, and parameters are not checked again: that takes milliseconds.
+        ParameterValues are within their ranges, and parameters are not checked again: that takes milliseconds.
         """
         changed = self.parameters
         for name, value in values.items():
@@ -238,14 +238,14 @@ class ContactProblem(Problem):
             raise UsageError(f"{trial.source}: {error}") from None
         return results.view(Results)
 
-    def predicted(self, values: Values) -> Results:
-        """Compute the answers after a check of all parameters; see `Problem.predicted`."""
+    def predicted(self, values: ParameterValues) -> Results:
+        """Compute the answers after a check of all parameters; see `FitProblem.predicted`."""
         return self._run(load_parameters(flat_parameters(self.parameters) | values))
 
     def conclusions(
         self,
-        values: Values,
-        refit: Callable[[Problem], Values],  # noqa: ARG002
+        values: ParameterValues,
+        refit: Callable[[FitProblem], ParameterValues],  # noqa: ARG002
     ) -> Conclusions:
         """Report answers with a status that makes them unusable."""
         status = self.predicted(values)["status"]
@@ -265,7 +265,7 @@ def make_contact_problem(
     unknowns: tuple[Unknown, ...],
     compiled: bool | None,
 ) -> ContactProblem:
-    """Make the problem of fitting a compartment's contact model, with a tolerance of `TOLERANCE` or less.
+    """Make the problem of fitting a compartment's contact model, with a tolerance of `FIT_TOLERANCE` or less.
 
     Args:
         parameters: All parameters at the start.
@@ -281,7 +281,7 @@ def make_contact_problem(
             f"{measured.source}: column axial_load needs load.compartment fixed_share, not "
             f"{parameters.load.rule}; give the compartment's own load as column load"
         )
-    tolerance = min(parameters.fidelity.tolerance, TOLERANCE)
+    tolerance = min(parameters.fidelity.tolerance, FIT_TOLERANCE)
     fidelity = parameters.fidelity.model_copy(update={"tolerance": tolerance, "budget": 0})
     exact = parameters.model_copy(update={"fidelity": fidelity})
     texts = curve_texts(exact, {})

@@ -32,7 +32,7 @@ from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.progress import OnProgress
 
-Values = dict[str, float]
+ParameterValues = dict[str, float]
 LINEAR = "linear"
 HUBER_BEND = 1.345
 """Residual at the bend of Huber's loss, in units of the noise: 95 % as efficient as squares for normal noise"""
@@ -47,11 +47,11 @@ MIN_STEP = 1e-7
 """Smallest step of difference quotients, in coordinates: below it the answers' rounding errors show"""
 REFUSED_RESIDUAL = 1e8
 """Residual where the parameters are not allowed"""
-REACH = math.log(4.0)
+START_REACH = math.log(4.0)
 """Largest distance [coordinates] of another start from the first one"""
 MAX_ROUNDS = 30
 """Largest number of rounds of fit and noise"""
-STEADY = 1e-3
+STEADY_NOISE = 1e-3
 """Relative change of a noise below which the rounds of fit and noise end"""
 SMALL = 1e-9
 """Smallest noise of a column, relative to its largest value; smallest singular value of a direction, relative to the
@@ -118,13 +118,13 @@ class Conclusions(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Problem:
+class FitProblem:
     """A model with free parameters, and the measurements to fit; subclasses are the models."""
 
     measured: Data
     unknowns: tuple[Unknown, ...]
 
-    def answers(self, values: Values) -> Any:
+    def answers(self, values: ParameterValues) -> Any:
         """Compute the model's answers by the names of the measured columns, shape (n,) each.
 
         Raises:
@@ -132,15 +132,17 @@ class Problem:
         """
         raise NotImplementedError
 
-    def predicted(self, values: Values) -> Any:
+    def predicted(self, values: ParameterValues) -> Any:
         """Compute the answers in full, as `calibrate` returns them."""
         raise NotImplementedError
 
-    def conclusions(self, values: Values, refit: Callable[[Problem], Values]) -> Conclusions:
+    def conclusions(
+        self, values: ParameterValues, refit: Callable[[FitProblem], ParameterValues]
+    ) -> Conclusions:
         """Return what follows from a fit; `refit` fits another such problem."""
         raise NotImplementedError
 
-    def misfits(self, values: Values) -> dict[str, Floats]:
+    def misfits(self, values: ParameterValues) -> dict[str, Floats]:
         """Compute answers minus measurements in their units, by column, where something was measured."""
         answers = self.answers(values)
         return {
@@ -172,11 +174,11 @@ def samples_per_value(misfit: Floats) -> float:
 class Fit:
     """A place, the coordinates of the p free parameters, shape (p,), and how well it fits."""
 
-    problem: Problem
+    problem: FitProblem
     loss: str
     given: frozenset[str]
     """Columns whose noise was given"""
-    noise: Values
+    noise: ParameterValues
     """Standard deviation of each measured column, in its unit"""
     place: Floats
     steps: Floats
@@ -187,7 +189,7 @@ class Fit:
     """Fraction of the measurements that counts: below 1 where residuals are correlated from sample to sample"""
 
     @classmethod
-    def at_start(cls, problem: Problem, loss: str, given: Mapping[str, float]) -> Fit:
+    def at_start(cls, problem: FitProblem, loss: str, given: Mapping[str, float]) -> Fit:
         """Begin at the start, with the given noise, or a guess of its order of magnitude."""
         noise = {}
         for name, column in problem.measured.answers.items():
@@ -209,7 +211,7 @@ class Fit:
         high = np.array([each.coordinate(each.most) for each in unknowns])
         return low, high
 
-    def values(self, place: Floats | None = None) -> Values:
+    def values(self, place: Floats | None = None) -> ParameterValues:
         """Return the values of the parameters at a place, or at that of the fit, by name."""
         coordinates = (self.place if place is None else place).tolist()
         return {
@@ -346,7 +348,7 @@ class Fit:
             # Half of what the data resolve: an impact must not move across a sample within a step.
             resolved = 0.5 / np.maximum(np.linalg.norm(new.slopes, axis=0), 1.0)
             new = replace(new, steps=np.clip(resolved, MIN_STEP, FIRST_STEP))
-            steady = all(abs(noise[name] / fit.noise[name] - 1.0) < STEADY for name in noise)
+            steady = all(abs(noise[name] / fit.noise[name] - 1.0) < STEADY_NOISE for name in noise)
             steady &= bool((np.abs(np.log(new.steps / fit.steps)) < 0.5).all())
             fit = replace(new, independent=1.0 / max(map(samples_per_value, misfits.values())))
             if steady:
@@ -360,7 +362,7 @@ def scale_misfits(misfits: Mapping[str, Floats], noise: Mapping[str, float]) -> 
 
 
 def find_fit(
-    problem: Problem,
+    problem: FitProblem,
     loss: str,
     given: Mapping[str, float],
     starts: int,
@@ -388,8 +390,8 @@ def find_fit(
     places = [first.place]
     if starts > 1:
         low, high = first.bounds
-        least = np.maximum(first.place - REACH, low)
-        most = np.minimum(first.place + REACH, high)
+        least = np.maximum(first.place - START_REACH, low)
+        most = np.minimum(first.place + START_REACH, high)
         # A seed, so that the same fit has the same answer.
         spread = qmc.LatinHypercube(len(low), seed=20)
         drawn = spread.random(max(SCREENED * len(low), starts - 1))

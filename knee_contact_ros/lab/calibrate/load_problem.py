@@ -18,7 +18,7 @@ from knee_contact_ros.bags.names import Names
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
-from knee_contact_ros.lab.calibrate.fit import Conclusions, Data, Problem, Values
+from knee_contact_ros.lab.calibrate.fit import Conclusions, Data, FitProblem, ParameterValues
 from knee_contact_ros.lab.calibrate.unknowns import Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
 from knee_contact_ros.offline.estimate_load import estimate_load
@@ -47,7 +47,7 @@ FITTABLE = [name for name in known_parameters(LoadParameters) if name.startswith
 """Parameters that may be free: the constants of a person"""
 MIN_GAIN = 1e-3
 """Smallest reduction of the error [body weights] that counts"""
-BODY = ("person.mass", "person.height")
+BODY_PARAMETERS = ("person.mass", "person.height")
 """Parameters on which the net moments depend"""
 DEVIATION_RANGE = (0.01, 10.0)
 """Range of the parameter `standard_deviation` [body weights]"""
@@ -210,7 +210,7 @@ def _join_counts(reasons: Mapping[str, int]) -> str:
 
 
 @dataclass(frozen=True)
-class LoadProblem(Problem):
+class LoadProblem(FitProblem):
     """The problem of fitting the constants of a person."""
 
     measured: Referenced
@@ -219,13 +219,13 @@ class LoadProblem(Problem):
     nets: tuple[NetMoments, ...]
     """Net moments at the n samples; empty where mass or height is free"""
 
-    def person(self, values: Values) -> Person:
+    def person(self, values: ParameterValues) -> Person:
         """Return the constants of a person."""
         return self.parameters.person.constants._replace(
             **{name.removeprefix(PERSON): value for name, value in values.items()}
         )
 
-    def answers(self, values: Values) -> dict[str, Floats]:
+    def answers(self, values: ParameterValues) -> dict[str, Floats]:
         """Compute the estimate `axial_force` [N] at every sample, shape (n,), bit for bit as the estimator does."""
         person = self.person(values)
         level = self.parameters.chosen_level
@@ -237,14 +237,16 @@ class LoadProblem(Problem):
         ]
         return {AXIAL_FORCE: np.array(axial)}
 
-    def predicted(self, values: Values) -> dict[str, Floats]:
+    def predicted(self, values: ParameterValues) -> dict[str, Floats]:
         """Return the answers, with the samples' stamps as `time` [s]."""
         return {
             "time": np.array([each.stamp / NANOSECONDS for each in self.measured.samples]),
             **self.answers(values),
         }
 
-    def conclusions(self, values: Values, refit: Callable[[Problem], Values]) -> Conclusions:
+    def conclusions(
+        self, values: ParameterValues, refit: Callable[[FitProblem], ParameterValues]
+    ) -> Conclusions:
         """Report the error of the estimate and what the fit gains; several bags are left out in turn.
 
         The file gets `calibrated`, and the error as `standard_deviation`, if the error is smaller than with the
@@ -300,7 +302,7 @@ class LoadProblem(Problem):
         parameters = {"calibrated": True, "standard_deviation": deviation}
         return Conclusions(remarks, parameters, list(data.doubts))
 
-    def error(self, values: Values, within: NDArray[np.bool_]) -> float:
+    def error(self, values: ParameterValues, within: NDArray[np.bool_]) -> float:
         """RMS error of the estimate [body weights] at some samples with a reference."""
         error = self.answers(values)[AXIAL_FORCE] - self.measured.answers[AXIAL_FORCE]
         return float(np.sqrt(np.mean(error[within] ** 2))) / self.person(values).weight
@@ -311,7 +313,7 @@ def make_load_problem(
 ) -> LoadProblem:
     """Make the problem, and compute once whatever does not depend on free parameters."""
     nets: tuple[NetMoments, ...] = ()
-    if not any(unknown.name in BODY for unknown in unknowns):
+    if not any(unknown.name in BODY_PARAMETERS for unknown in unknowns):
         person = parameters.person.constants
         nets = _net_moments(parameters.chosen_level, person, measured.samples)
     return LoadProblem(measured, unknowns, parameters, nets)

@@ -12,18 +12,19 @@ from scipy.spatial.transform import Rotation
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.lab.opensim import Files, child, read_knee
 from knee_contact_ros.lab.opensim.results import AXES, ImportSettings
 from knee_contact_ros.lab.opensim.run import run_python
 from knee_contact_ros.lab.opensim.setups import Setup, dynamics_setup, read_setup
 from knee_contact_ros.lab.tables import read_storage
-from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
+from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_opensim
+from tests.helpers.offline import estimate_load
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
 from tests.lab.opensim.test_leg import TOPICS
@@ -298,12 +299,14 @@ def moments(folder: Path) -> Path:
     return folder / setup.results / "moments.sto"
 
 
-def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[int, Estimate]]:
+def estimated(
+    bag: Path, config: Path, output: Path
+) -> tuple[LoadSummary, dict[int, LoadEstimateFields]]:
     """What there is to say of a bag's estimates, and these by their stamps [ns]."""
     parameters = load_parameters(
         [config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters
     )
-    estimates: dict[int, Estimate] = {}
+    estimates: dict[int, LoadEstimateFields] = {}
     return estimate_load(
         bag,
         parameters,

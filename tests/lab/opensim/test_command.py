@@ -12,9 +12,9 @@ from mcap.reader import make_reader
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import not_installed
+from tests.helpers.offline import solve
 from tests.lab.opensim.storages import (
     external,
     kinematics,

@@ -9,8 +9,8 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report import figures
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
+from tests.helpers.offline import solve
 
 DEVIATIONS = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
 RUNS = ["right", "right, osteoarthritis", "left", "left, osteoarthritis"]

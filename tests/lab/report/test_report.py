@@ -24,11 +24,11 @@ from knee_contact_ros.lab.report.gathered import (
 )
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.view.picture import png_figure
 from tests.helpers.bags import raw_messages
+from tests.helpers.offline import solve
 from tests.lab.report.conftest import RUNS, Report
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag

@@ -1,0 +1,93 @@
+"""The recording of what is computed from a bag, for `solve` and `estimate-load`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.provenance import provenance_record
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
+from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.streams.pipeline import AnswerT, Pipeline
+from knee_contact_ros.streams.topics import Record
+from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.output_files import check_not_input
+
+SOURCE_DAMAGE = "source_damage"
+"""Name of the metadata record of an output that lists the damage of the bag it was computed from"""
+
+
+class BagOutput:
+    """Recording of answers; without a writer nothing is recorded."""
+
+    def __init__(self, writer: AnswerWriter | None) -> None:
+        self.writer = writer
+
+    def write_note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record after the answers so far."""
+        if self.writer:
+            self.writer.write_note(name, values)
+
+    def record_answers(
+        self,
+        pipeline: Pipeline[AnswerT],
+        answers: Iterable[AnswerT],
+        records_of: Callable[[AnswerT], tuple[Record, ...]],
+    ) -> Iterator[AnswerT]:
+        """Record answers as they come, and a note when forces are turned; yield the answers."""
+        for answer in answers:
+            if self.writer:
+                if pipeline.frame.turn_note:
+                    self.write_note(FORCE_TURNED, pipeline.frame.take_turn_note())
+                self.writer.write_answer(records_of(answer))
+            yield answer
+
+    def write_ending(self, pipeline: Pipeline[Any], bag: Bag, damage: Sequence[str]) -> None:
+        """Write the remaining inputs, the refused samples, and the damage of the bag that was computed."""
+        if self.writer:
+            self.writer.write_ending(pipeline.ending())
+            if damage:
+                faults = {"source": bag.path.name, "faults": "\n".join(damage)}
+                self.writer.bag.add_metadata(SOURCE_DAMAGE, faults)
+
+
+@contextmanager
+def open_output(
+    bag: Bag,
+    path: Path | None,
+    overwrite: bool,
+    topics: Iterable[str],
+    parameters: Parameters | LoadParameters,
+    curves: Mapping[str, str] = {},
+    provenance_name: str = PROVENANCE,
+) -> Iterator[BagOutput]:
+    """Open the output of a bag that is computed; its file is removed if computing fails.
+
+    Raises:
+        UsageError: the output is the bag, or cannot be written.
+    """
+    if path is None:
+        yield BagOutput(None)
+        return
+    check_not_input(path, bag.paths)
+    with BagWriter(path, overwrite=overwrite, alone=True) as writer:
+        names = {topic: f"/{topic}" for topic in topics}
+        record = provenance_record(parameters, curves, bag)
+        yield BagOutput(AnswerWriter(writer, record, names, provenance_name))
+
+
+def nothing_computed(
+    bag: Bag, what: str, pipeline: Pipeline[Any], damage: Sequence[str]
+) -> UsageError:
+    """Error that a bag gave no `what`, with the reasons why samples were refused."""
+    reasons = [f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items()]
+    parts = [part for part in (", ".join(reasons), pipeline.last_refusal) if part]
+    why = "; ".join(parts) or "no angle and force at one time"
+    damaged = f"; the bag is damaged: {join_faults(damage)}" if damage else ""
+    return UsageError(f"bag {bag}: no {what} ({why}){damaged}")
