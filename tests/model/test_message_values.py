@@ -32,6 +32,6 @@ def fields_with_a_value() -> frozenset[str]:
 @pytest.mark.parametrize("name", sorted(set(MESSAGE_FIELDS) - ALWAYS_0))
 def test_every_number_of_the_message_differs_from_0_somewhere(name: str) -> None:
     assert name in fields_with_a_value(), (
-        f"{name} of KneeContact.msg is 0 in all scenes: write it in write_answer (knee_contact_ros/model/ticks.py), or "
-        "add a scene in which it differs from 0 to tests/model/test_message_values.py"
+        f"{name} of KneeContact.msg is 0 in all scenes: write it in write_answer (knee_contact_ros/model/answers.py), "
+        "or add a scene in which it differs from 0 to tests/model/test_message_values.py"
     )

@@ -31,7 +31,7 @@ def trial_of(table: ShareTable, seed: int, number: int = 4000) -> Trial:
     random = np.random.default_rng(seed)
     flexion = np.radians(random.uniform(-10.0, 70.0, number))
     load = random.uniform(0.0, 2.4, number)
-    medial = MeasuredShare(table, 1.0).share(load, flexion) * load
+    medial = MeasuredShare(table, 1.0).share_at(load, flexion) * load
     return Trial(flexion, load, medial, SPACING * (0.5 * load - medial))
 
 

@@ -8,13 +8,15 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.lab.uncertainty import read_uncertain_gait
 from knee_contact_ros.parameters.files import load_parameters
 from studies.uncertainty import SMALL, sampled
 
 
 def test_small_deviations_are_linear(right_bag: Path) -> None:
-    gait = read_uncertain_gait(right_bag, load_parameters("healthy"), SMALL, compiled=True)
+    with Bag(right_bag) as bag:
+        gait = read_uncertain_gait(bag, load_parameters("healthy"), SMALL, compiled=True)
     linear = gait.propagate()
     ((depth, force),) = sampled(gait, linear, 100)
     # The standard deviation of 100 samples is known to 7 %.
