@@ -23,7 +23,7 @@ from knee_contact_ros.bags.provenance import (
 from knee_contact_ros.model.kernel import worth_compiling
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
-from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_output
+from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
 from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import all_values, load_parameters
@@ -88,12 +88,12 @@ def solve(
     if compiled is None:
         compiled = worth_compiling(total // MESSAGES_PER_TICK)
     with (
-        open_output(bag, output, overwrite, topics, parameters, curves) as recorder,
+        open_bag_output(bag, output, overwrite, topics, parameters, curves) as recorder,
         ThreadPoolExecutor(1) as thread,
     ):
         if compiled:
             pipeline.compile_model()
-        takers: list[Callable[[AnswerBlock], object]] = [summary.add_each]
+        takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
         if keep:
             takers.append(keep)
         run = SolveRun(pipeline, recorder, takers, thread, recording.changes if recording else ())
@@ -123,7 +123,7 @@ def _complete_summary(
     summary: Summary, pipeline: ContactPipeline, inputs: BagInputs, recording: Provenance | None
 ) -> None:
     """Add to the summary what is known after the last answers."""
-    summary.finish()
+    summary.complete()
     summary.damage = inputs.bag.damage
     if recording:
         late = [LATE_CHANGES] if inputs.bag.damage and recording.changes else []
