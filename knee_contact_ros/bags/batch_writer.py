@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.mcap_file import MESSAGE_HEADS
-from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, MESSAGE_FIELDS, MESSAGE_HEAD
+from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, MESSAGE_HEAD, MESSAGE_PREFIX
 from knee_contact_ros.bags.recorder import BagWriter
 
 
@@ -74,7 +74,7 @@ def _records_of(messages: TopicMessages, channel: int, sequence: int) -> NDArray
     records = np.empty((count, MESSAGE_HEAD.size + length), dtype=np.uint8)
     heads = np.ndarray(count, MESSAGE_HEADS, records, strides=records.strides[:1])
     heads["opcode"] = Opcode.MESSAGE
-    heads["length"] = MESSAGE_FIELDS.size + length
+    heads["length"] = MESSAGE_PREFIX.size + length
     heads["channel"] = channel
     heads["sequence"] = sequence + np.arange(count)
     heads["log"] = heads["publish"] = messages.stamps

@@ -30,7 +30,7 @@ from knee_contact_ros.bags.mcap_records import (
     RecordReader,
     parsed,
 )
-from knee_contact_ros.bags.mcap_writer import MESSAGE_FIELDS, MESSAGE_HEAD, RECORD_HEAD
+from knee_contact_ros.bags.mcap_writer import MESSAGE_HEAD, MESSAGE_PREFIX, RECORD_HEAD
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.topics import NO_DEFINITION
 from knee_contact_ros.system.files import open_regular
@@ -387,7 +387,7 @@ def _record_starts(data: bytes) -> tuple[NDArray[np.int64], int]:
     places = np.fromiter([*starts, position], np.int64, len(starts) + 1)
     opcodes = np.frombuffer(data, np.uint8)[places[:-1]]
     lengths = np.diff(places) - RECORD_HEAD.size
-    bad = (opcodes == HOLE) | ((opcodes == Opcode.MESSAGE) & (lengths < MESSAGE_FIELDS.size))
+    bad = (opcodes == HOLE) | ((opcodes == Opcode.MESSAGE) & (lengths < MESSAGE_PREFIX.size))
     count = int(bad.argmax()) if bad.any() else len(starts)
     return places[:count], int(places[count])
 

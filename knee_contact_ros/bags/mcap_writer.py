@@ -23,10 +23,10 @@ from knee_contact_ros.system import output_files
 
 RECORD_HEAD = Struct("<BQ")
 """Head of a record: opcode, and length [B] of the content, which follows"""
-MESSAGE_FIELDS = Struct("<HIQQ")
+MESSAGE_PREFIX = Struct("<HIQQ")
 """Beginning of a message record's content, before the data: channel, sequence number, log time and publish time [ns]"""
 MESSAGE_HEAD = Struct("<BQHIQQ")
-"""`RECORD_HEAD` and `MESSAGE_FIELDS` together"""
+"""`RECORD_HEAD` and `MESSAGE_PREFIX` together"""
 INDEX_FIELDS = Struct("<HI")
 """Beginning of a message index record's content: channel, and length [B] of the entries, which follow"""
 INDEX_ENTRY = Struct("<QQ")
@@ -150,7 +150,7 @@ class McapWriter(Writer):
             entries = self._count_messages(channel, 1, stamp, stamp)
             entries.append(stamp)
             entries.append(offset)
-            length = MESSAGE_FIELDS.size + len(data)
+            length = MESSAGE_PREFIX.size + len(data)
             write(
                 MESSAGE_HEAD.pack(MESSAGE_OPCODE, length, channel, sequence, stamp, stamp) + data
             )

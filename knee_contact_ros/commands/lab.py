@@ -426,7 +426,7 @@ def trade(
     show_trade(found)
     draw_trade(found, picture)
     say(f"Picture: {picture}")
-    if missing := summary.missing(bag):
+    if missing := summary.missing_parts(bag):
         raise IncompleteError(missing)
 
 

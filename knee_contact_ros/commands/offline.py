@@ -143,7 +143,7 @@ def solve(
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
         warn(summary.warnings)
-        if missing := summary.missing(path):
+        if missing := summary.missing_parts(path):
             raise IncompleteError(missing)
 
 

@@ -58,7 +58,7 @@ _MAX_NAME_LENGTH = 80
 """Most characters of a knee's name"""
 
 
-class RecordedKnee(NamedTuple):
+class DrawnKnee(NamedTuple):
     """A knee whose answers are in a recording."""
 
     recording: Bag
@@ -148,9 +148,7 @@ def _check_before_work(save: Path | None, overwrite: bool, ports: Sequence[int])
         require_display(_ALTERNATIVES)
 
 
-def recorded_knees(
-    recordings: Mapping[Bag, str], parameters: Parameters
-) -> Iterator[RecordedKnee]:
+def recorded_knees(recordings: Mapping[Bag, str], parameters: Parameters) -> Iterator[DrawnKnee]:
     """Yield all knees in several recordings, each with a name of its own.
 
     The values of `recordings` are names, used where topics do not name the knee; `parameters` are those of recordings
@@ -191,7 +189,7 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 def _knees(
     bag: Bag, topics: Sequence[str], names: Sequence[str], parameters: Parameters
-) -> Iterator[RecordedKnee]:
+) -> Iterator[DrawnKnee]:
     """Build the knees of a recording from the parameters in it, or from `parameters` if it holds none."""
     provenance = read_provenance(bag)
     if provenance is None:
@@ -204,7 +202,7 @@ def _knees(
     ]
     drawings = outlines_of_compartments(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
-        yield RecordedKnee(bag, topic, model, drawing, provenance.changes if provenance else ())
+        yield DrawnKnee(bag, topic, model, drawing, provenance.changes if provenance else ())
 
 
 def _with_answers(
@@ -227,12 +225,12 @@ def _with_answers(
                 summary = solve(bag, parameters, output, advance)
             answered = opened.enter_context(Bag(output))
             warn(summary.warnings)
-            missing.append(summary.missing(bag.path))
+            missing.append(summary.missing_parts(bag.path))
         recordings[answered] = name
     return recordings, missing
 
 
-def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
+def _draw(knees: Sequence[DrawnKnee], path: Path, overwrite: bool) -> None:
     """Write the scene of several knees to a Rerun file, which appears under its name when it is complete."""
     file = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
     try:
@@ -256,9 +254,7 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
         raise
 
 
-def _answers_of(
-    knee: RecordedKnee, advance: OnProgress
-) -> Iterator[tuple[Sequence[Change], Rows]]:
+def _answers_of(knee: DrawnKnee, advance: OnProgress) -> Iterator[tuple[Sequence[Change], Rows]]:
     """Yield blocks of answers, each with the changes of the node right before it; for `advance` see `answer_blocks`.
 
     Answers that are drawn get femoral x and normal, which messages do not hold.

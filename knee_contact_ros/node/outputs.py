@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
-from knee_contact_ros.bags.recorder import check_recordable
+from knee_contact_ros.bags.recorder import MB, check_recordable
 from knee_contact_ros.streams.output import (
     ENDED,
     FAILED,
@@ -39,7 +39,6 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import free_names
 from knee_contact_ros.system.processes import Process, reap_process, start_connected
 
-MB = 10**6
 WORKER = "knee_contact_ros.node.output_process"
 
 LATEST = 0.05

@@ -18,7 +18,7 @@ from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import parameters_for
-from knee_contact_ros.offline.output import nothing_computed, open_output
+from knee_contact_ros.offline.output import nothing_computed, open_bag_output
 from knee_contact_ros.parameters.load_schema import LoadParameters, PersonSection
 from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
@@ -125,7 +125,7 @@ def estimate_load(
     person = parameters.person
     if parameters.frame.ground:
         inputs.learn_transforms(pipeline.frame)
-    with open_output(
+    with open_bag_output(
         bag, output, overwrite, LOAD_RECORDED, parameters, provenance_name=LOAD_PROVENANCE
     ) as recorder:
         if bag.body_weight or person != PersonSection():

@@ -170,11 +170,13 @@ def answers_of(
 
 def warn_of(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) -> None:
     """Warn of doubts, if they are not empty, of other recordings in the bag's folder, and of its damage."""
-    damaged = f"bag {bag} is damaged, and {done} as far as it can be{' read' * (done == 'solved')}"
-    for sentence in filter(
-        None,
-        [*others_beside(bag), *doubts, *([f"{damaged}: {join_faults(damage)}"] * bool(damage))],
-    ):
+    sentences = [*others_beside(bag), *doubts]
+    if damage:
+        possible = "it can be read" if done == "solved" else "it can be"
+        sentences.append(
+            f"bag {bag} is damaged, and {done} as far as {possible}: {join_faults(damage)}"
+        )
+    for sentence in filter(None, sentences):
         warnings.warn(in_python(sentence), stacklevel=3)
 
 

@@ -58,7 +58,7 @@ class BagOutput:
 
 
 @contextmanager
-def open_output(
+def open_bag_output(
     bag: Bag,
     path: Path | None,
     overwrite: bool,

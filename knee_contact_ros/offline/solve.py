@@ -22,7 +22,7 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
-from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_output
+from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
 from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import all_values, load_parameters
@@ -83,12 +83,12 @@ def solve(
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
     with (
-        open_output(bag, output, overwrite, topics, parameters, curves) as recorder,
+        open_bag_output(bag, output, overwrite, topics, parameters, curves) as recorder,
         ThreadPoolExecutor(1) as thread,
     ):
         if compiled is not False:
             pipeline.compile_model()
-        takers: list[Callable[[AnswerBlock], object]] = [summary.add_each]
+        takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
         if keep:
             takers.append(keep)
         run = SolveRun(pipeline, recorder, takers, thread, recording.changes if recording else ())
@@ -118,7 +118,7 @@ def _complete_summary(
     summary: Summary, pipeline: ContactPipeline, inputs: BagInputs, recording: Provenance | None
 ) -> None:
     """Add to the summary what is known after the last answers."""
-    summary.finish()
+    summary.complete()
     summary.damage = inputs.bag.damage
     if recording:
         late = [LATE_CHANGES] if inputs.bag.damage and recording.changes else []

@@ -21,9 +21,9 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, 
 from knee_contact_ros.streams.watch import Doubts, Split
 from knee_contact_ros.system.errors import join_faults
 
-PEAKS = ("load", "contact_force", "penetration_depth")
+PEAK_FIELDS = ("load", "contact_force", "penetration_depth")
 """Fields of an answer whose largest values are kept"""
-RESET = "each begins at rest (TIME_RESET), where stamps went back or the node was reset"
+RUN_BEGINS = "each begins at rest (TIME_RESET), where stamps went back or the node was reset"
 """Explanation of the runs of a summary"""
 LOOK_BACK = 3_000_000_000
 """Time [ns] for which answers are kept: a peak of the load is certain within two seconds"""
@@ -90,19 +90,19 @@ class Summary:
     last_stamp: int = 0
     """Stamp [ns] of the last tick"""
     peaks: dict[str, Moment] = field(default_factory=dict)
-    """Moments of the largest values of `PEAKS` by field"""
+    """Moments of the largest values of `PEAK_FIELDS` by field"""
     split: Split | None = None
     """Share of the load on the medial compartment, if it varies"""
     lateral: Summary | None = None
     """Summary of the lateral compartment, where there are two"""
     load_peaks: list[Moment] = field(default_factory=list)
-    """Local peaks of the load in stance, see `GaitEvents`; complete after `finish`"""
+    """Local peaks of the load in stance, complete after `complete`"""
 
     def __post_init__(self) -> None:
         self._events = GaitEvents(self.body_weight)
         self._recent = list[Rows]()  # blocks of answers
 
-    def add(self, answers: Rows) -> None:
+    def add_answers(self, answers: Rows) -> None:
         """Add a block of answers, at least one, to all figures."""
         first = 0
         for reset in [
@@ -110,13 +110,13 @@ class Summary:
             len(answers),
         ]:
             if first < reset:
-                self._add(answers[first:reset])
+                self._add_run(answers[first:reset])
             if self.ticks and reset < len(answers):
                 self._finish_run()
                 self.runs += 1
             first = reset
 
-    def _add(self, answers: Rows) -> None:
+    def _add_run(self, answers: Rows) -> None:
         """Add answers of the present run."""
         stamps, status = answers["stamp"], answers["status"]
         if not self.ticks:
@@ -129,11 +129,11 @@ class Summary:
         self.evaluations += int(answers["evaluations"].sum())
         for level, count in zip(*np.unique(answers["fidelity"], return_counts=True), strict=True):
             self.levels[Fidelity(int(level)).name.lower()] += int(count)
-        self.largest_error = max(self.largest_error, bound(answers["error_estimate"]))
+        self.largest_error = max(self.largest_error, largest_bound(answers["error_estimate"]))
         self.largest_force_error = max(
-            self.largest_force_error, bound(answers["force_error_estimate"])
+            self.largest_force_error, largest_bound(answers["force_error_estimate"])
         )
-        for name in PEAKS:
+        for name in PEAK_FIELDS:
             largest = answers[int(answers[name].argmax())]
             if name not in self.peaks or largest[name] > getattr(self.peaks[name], name):
                 self.peaks[name] = Moment.of(largest, self.runs)
@@ -144,32 +144,34 @@ class Summary:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count
 
-    def add_each(self, block: AnswerBlock) -> None:
+    def add_block(self, block: AnswerBlock) -> None:
         """Add the answers of each compartment."""
         for summary, answers in zip((self, self.lateral), block.rows, strict=False):
             if summary:
-                summary.add(answers)
+                summary.add_answers(answers)
 
-    def finish(self) -> None:
+    def complete(self) -> None:
         """Complete the figures after the last answers."""
         self._finish_run()
         if self.lateral:
-            self.lateral.finish()
+            self.lateral.complete()
 
     def _finish_run(self) -> None:
-        self._keep(self._events.finish())
+        self._keep_peaks(self._events.finish())
         self._events, self._recent = GaitEvents(self.body_weight), []
 
     def _find_peaks(self, answers: Rows) -> None:
         self._recent.append(answers)
-        self._keep(self._events.add(answers["stamp"], np.zeros(len(answers)), answers["load"]))
+        self._keep_peaks(
+            self._events.add(answers["stamp"], np.zeros(len(answers)), answers["load"])
+        )
         self._recent = [
             rows
             for rows in self._recent
             if abs(rows["stamp"][-1] - answers["stamp"][-1]) <= LOOK_BACK
         ]
 
-    def _keep(self, events: Sequence[GaitEvent]) -> None:
+    def _keep_peaks(self, events: Sequence[GaitEvent]) -> None:
         for event in events:
             if event.kind == LOAD_PEAK:
                 rows = next(
@@ -187,7 +189,7 @@ class Summary:
     @property
     def warnings(self) -> list[str]:
         """Sentences for the user about runs, publishers, implausible figures, and a share beyond its measured range."""
-        resets = [f"the answers are of {self.runs} runs: {RESET}"] if self.runs > 1 else []
+        resets = [f"the answers are of {self.runs} runs: {RUN_BEGINS}"] if self.runs > 1 else []
         return [
             *resets,
             *self.publishers,
@@ -195,7 +197,7 @@ class Summary:
             *([self.split.problem] if self.split and self.split.problem else []),
         ]
 
-    def missing(self, bag: Path) -> str:
+    def missing_parts(self, bag: Path) -> str:
         """Sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
         damage = (
             f" is damaged, and solved as far as it can be read: {join_faults(self.damage)}"
@@ -206,7 +208,7 @@ class Summary:
         return f"bag {bag}{damage}{unanswered}" if damage or unanswered else ""
 
 
-def bound(errors: float | NDArray[np.float64]) -> float:
+def largest_bound(errors: float | NDArray[np.float64]) -> float:
     """Return the largest of estimated errors, at least one; infinite if one is NaN."""
     return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
 
@@ -225,9 +227,9 @@ def read_summary(
             summary.lateral = summaries[KNEE_CONTACT_LATERAL] = Summary(body_weight)
         for topic, compartment in summaries.items():
             for answers in answer_blocks(bag, f"/{topic}"):
-                compartment.add(answers)
+                compartment.add_answers(answers)
         summary.refused = refused_samples(bag)
-    summary.finish()
+    summary.complete()
     return summary
 
 

@@ -23,8 +23,8 @@ def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
     for parts in (1, 7, 400):
         summary = Summary(700.0)
         for part in np.array_split(rows, parts):
-            summary.add(part)
-        summary.finish()
+            summary.add_answers(part)
+        summary.complete()
         found.append(summary.load_peaks)
     assert found[0] == found[1] == found[2]
     assert [peak.stamp for peak in found[0]] == [
@@ -43,8 +43,8 @@ def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str
     rows["load"] = 1200.0 * np.abs(np.sin(np.pi * 1e-3 * np.arange(2_000)))
     rows["contact_force"], rows["penetration_depth"] = rows["load"], 1e-6 * rows["load"]
     summary = Summary(700.0)
-    summary.add(rows)
-    summary.finish()
+    summary.add_answers(rows)
+    summary.complete()
     show_summary(summary, {}, {})
     told = capsys.readouterr().out
     assert " peak 1      1200.0   1.71              1200.0   1.71        1.200   +0.500" in told
@@ -64,8 +64,8 @@ def test_no_moment_is_told_for_largest_values_of_different_moments(
         [1e-3, 0.0, 0.0],
     )
     summary = Summary(700.0)
-    summary.add(rows)
-    summary.finish()
+    summary.add_answers(rows)
+    summary.complete()
     show_summary(summary, {}, {})
     (largest,) = (line for line in capsys.readouterr().out.splitlines() if "largest" in line)
     assert largest.split() == ["largest", "3.0", "0.00", "3.0", "0.00", "1.000"]
