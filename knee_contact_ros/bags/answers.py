@@ -32,7 +32,7 @@ class BagMessage(NamedTuple):
 
 
 def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
-    """All messages of the topics with these types, decoded by the definitions in this package; for short bags.
+    """Return all messages of the topics with these types, decoded by the definitions in this package; for short bags.
 
     Raises:
         UsageError: The bag cannot be read, or a message cannot be decoded.
@@ -49,7 +49,7 @@ def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
 
 
 def answer_topics(bag: Path | Bag) -> list[str]:
-    """Absolute names of the topics with answers in a bag, in alphabetical order.
+    """Return the absolute names of the topics with answers in a bag, in alphabetical order.
 
     Raises:
         UsageError: There is no such bag, or nothing of it can be read.
@@ -100,5 +100,5 @@ def answer_blocks(
 
 
 def read_answers(bag: Path | Bag, topic: str = f"/{KNEE_CONTACT}") -> Rows:
-    """All answers of a recording in one array; see `answer_blocks`."""
+    """Return all answers of a recording in one array; see `answer_blocks`."""
     return np.concatenate(list(answer_blocks(bag, topic)))

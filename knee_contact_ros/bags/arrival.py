@@ -95,7 +95,7 @@ def by_arrival(files: Sequence[BagFile], numbers: Sequence[Mapping[int, int]]) -
 
 
 def _is_in_order(files: Sequence[BagFile]) -> bool:
-    """Whether no log time goes back, in a file or from one to the next."""
+    """Return whether no log time goes back, in a file or from one to the next."""
     spans = [
         (
             min(chunk.times[0] for chunk in file.chunks),
@@ -109,12 +109,12 @@ def _is_in_order(files: Sequence[BagFile]) -> bool:
 
 
 def _each_sorted(topics: NDArray[np.intp], times: NDArray[np.int64]) -> bool:
-    """Whether the log times of no topic go back."""
+    """Return whether the log times of no topic go back."""
     return all((np.diff(times[topics == topic]) >= 0).all() for topic in np.unique(topics))
 
 
 def _cuts(topics: NDArray[np.intp], times: NDArray[np.int64], late: bool) -> list[int]:
-    """Indices of messages, in the order of arrival, before which the clock was set back.
+    """Return the indices of messages, in the order of arrival, before which the clock was set back.
 
     Args:
         topics: Numbers of the topics of all messages.
@@ -142,7 +142,7 @@ def _cuts(topics: NDArray[np.intp], times: NDArray[np.int64], late: bool) -> lis
 
 
 def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: float) -> bool:
-    """Whether the messages up to the next step back, or to times after all `before`, fill a hole in these."""
+    """Return whether the messages up to the next step back, or to times after all `before`, fill a hole in these."""
     ends = (np.diff(after) < 0) | (after[1:] > before.max())
     group = after[: int(np.argmax(ends)) + 1 if ends.any() else len(after)]
     half = 0.5 * usual

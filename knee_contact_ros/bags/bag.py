@@ -187,7 +187,7 @@ class Bag:
             return None
 
     def first_metadata(self, name: str) -> dict[str, str] | None:
-        """Content of the first metadata record of a name; None if there is none."""
+        """Return the content of the first metadata record of a name; None if there is none."""
         return next((content for own, content in self.metadata if own == name), None)
 
     @property
@@ -232,7 +232,7 @@ class Bag:
         return reader
 
     def _channels_of(self, topic: str, type_name: str, name: str) -> list[Channel]:
-        """Channels of a topic, whose absolute names are `topic` in the node and `name` in the bag.
+        """Return the channels of a topic, whose absolute names are `topic` in the node and `name` in the bag.
 
         Raises:
             UsageError: The topic is missing or empty, has another type or several, or is not encoded as CDR.
@@ -302,7 +302,7 @@ class TopicReader:
         return sum(self.bag.message_counts[channel] for channel in self.requested[topic])
 
     def channel_ids(self, topic: str) -> list[int]:
-        """Ids of the channels that give a requested topic, in the file that has most of them."""
+        """Return the ids of the channels that give a requested topic, in the file that has most of them."""
         wanted = {channel[:3] for channel in self.requested[topic]}
         each = (
             [
@@ -315,7 +315,7 @@ class TopicReader:
         return max(each, key=len)
 
     def definition_of(self, topic: str) -> MessageDefinition:
-        """Definition of the type of a requested topic in the bag."""
+        """Return the definition of the type of a requested topic in the bag."""
         return self.requested[topic][0].definition
 
     def raw_messages(
@@ -373,13 +373,13 @@ class TopicReader:
 
 
 def damaged(path: Path, error: Exception) -> UsageError:
-    """Error that reading a bag caused another error."""
+    """Return the error that reading a bag caused another error."""
     return UsageError(f"bag {path} is damaged: {' '.join(str(error).split())}")
 
 
 @lru_cache(maxsize=16)
 def _difference(definition: MessageDefinition, type_name: str) -> str:
-    """First difference between a type's definition in a bag and in ROS 2; empty if there is none, or no definition."""
+    """Return the first difference between a type's definitions in a bag and in ROS 2; empty without one."""
     known = typestore().fielddefs
     with suppress(Exception):  # whatever a text that is no definition provokes
         types = types_in(definition, type_name)
@@ -392,7 +392,7 @@ def _difference(definition: MessageDefinition, type_name: str) -> str:
 
 
 def _advice(topics: Iterable[str], topic: str) -> str:
-    """Topics of a bag that lacks an input, and how to read another one instead."""
+    """Return the topics of a bag that lacks an input, and how to read another one instead."""
     own = topic.removeprefix("/")
     sentences = [f"its topics: {list_names(sorted(topics)) or 'none'}"]
     if own in (*INPUTS, *LOAD_INPUTS):

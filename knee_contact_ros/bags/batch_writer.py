@@ -69,7 +69,7 @@ def write_messages(bag: BagWriter, topics: Sequence[TopicMessages]) -> None:
 
 
 def _records_of(messages: TopicMessages, channel: int, sequence: int) -> NDArray[np.void]:
-    """Message records of a topic as one item each, shape (n,)."""
+    """Return the message records of a topic as one item each, shape (n,)."""
     count, length = messages.data.shape
     records = np.empty((count, MESSAGE_HEAD.size + length), dtype=np.uint8)
     heads = np.ndarray(count, MESSAGE_HEADS, records, strides=records.strides[:1])

@@ -63,7 +63,7 @@ class FolderContent(NamedTuple):
 
 
 def folder_content(folder: Path) -> FolderContent:
-    """Files of the bag in a folder.
+    """Return the files of the bag in a folder.
 
     Without a usable `metadata.yaml` these are the only file, or the numbered ones of one name.
 
@@ -93,7 +93,7 @@ def folder_content(folder: Path) -> FolderContent:
 
 
 def _content_by_metadata(folder: Path) -> FolderContent:
-    """Files of the bag in a folder by its `metadata.yaml`; none, and a fault, if this cannot be used."""
+    """Return the files of the bag in a folder by its `metadata.yaml`; none, and a fault, if this cannot be used."""
     try:
         content = read_yaml(folder / METADATA, MAX_METADATA_SIZE)["rosbag2_bagfile_information"]
         names = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
@@ -114,13 +114,13 @@ def _content_by_metadata(folder: Path) -> FolderContent:
 
 
 def file_number(name: str) -> int:
-    """Number of a numbered name; 0 for another name."""
+    """Return the number of a numbered name; 0 for another name."""
     match = NUMBERED.fullmatch(name)
     return int(match[2]) if match else 0
 
 
 def files_of(bag: Path) -> list[Path]:
-    """Paths of the files of a bag: the bag itself if it is a file, or those in its folder that belong to it.
+    """Return the paths of the files of a bag: the bag itself if it is a file, or those in its folder that belong to it.
 
     Raises:
         UsageError: It is not clear which files belong to the bag.
@@ -129,7 +129,7 @@ def files_of(bag: Path) -> list[Path]:
 
 
 def others_beside(bag: Path) -> list[str]:
-    """Sentence that the folder of a bag has other recordings, which are not read; an empty list if it has none."""
+    """Return a sentence that the folder of a bag has other recordings, which are not read; else an empty list."""
     if not bag.is_dir():
         return []
     read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
@@ -144,7 +144,7 @@ def others_beside(bag: Path) -> list[str]:
 
 
 def kind_of(path: Path) -> str:
-    """Kind of a file of a bag, `MCAP` or `SQLITE`, by its first bytes or else its name.
+    """Return the kind of a file of a bag, `MCAP` or `SQLITE`, by its first bytes or else its name.
 
     Raises:
         UsageError: It is neither of the two.
@@ -181,7 +181,7 @@ def decompressed(packed: Path, folder: Path) -> Path:
 
 
 def files_digest(paths: Iterable[Path]) -> str:
-    """SHA-256 of the names and contents of files, in the order of their paths."""
+    """Return the SHA-256 of the names and contents of files, in the order of their paths."""
     digest = hashlib.sha256()
     for path in sorted(paths):
         with open_regular(path) as file:
@@ -190,7 +190,7 @@ def files_digest(paths: Iterable[Path]) -> str:
 
 
 def bag_digest(bag: Path, files: Iterable[Path] | None = None) -> str:
-    """SHA-256 of a bag: of the file, or of the `files` in its folder that belong to it (`files_of`)."""
+    """Return the SHA-256 of a bag: of the file, or of the `files` in its folder that belong to it (`files_of`)."""
     if bag.is_dir():
         return files_digest(path for path in files or files_of(bag) if is_file(path))
     with open_regular(bag) as file:

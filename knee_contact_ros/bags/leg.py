@@ -46,7 +46,7 @@ class DrawnLeg:
         _urdf()
 
     def records_with_leg(self, answer: ContactAnswer) -> tuple[Record, ...]:
-        """Messages to record of an answer, with those about the leg before the wrench."""
+        """Return the messages to record of an answer, with those about the leg before the wrench."""
         stamp = answer.pair.load.stamp
         before, self._last_stamp = self._last_stamp, stamp
         records = answer.records()
@@ -82,20 +82,20 @@ class DrawnLeg:
 
 @lru_cache(maxsize=1)
 def _urdf() -> str:
-    """Text of the leg's file."""
+    """Return the text of the leg's file."""
     return (share_folder() / LEG_URDF).read_text(encoding="utf-8")
 
 
 @lru_cache(maxsize=4)
 def description(frame_id: str) -> bytes:
-    """Bytes of a std_msgs/String with the URDF of a leg whose shank is `frame_id`, or `shank` if that is empty."""
+    """Return a std_msgs/String with the URDF of a leg whose shank is `frame_id`, or `shank` if that is empty."""
     link = escape(frame_id or SHANK, XML_QUOTE)
     text = _urdf().replace(f'"{SHANK}', f'"{link}').encode() + b"\0"
     return HEADER + len(text).to_bytes(4, "little") + text
 
 
 def thigh_pose(stamp: int, frame_id: str, row: bytes) -> bytes:
-    """Bytes of a tf2_msgs/TFMessage with the pose of the thigh in `frame_id` at a stamp [ns]."""
+    """Return the bytes of a tf2_msgs/TFMessage with the pose of the thigh in `frame_id` at a stamp [ns]."""
     angle, height, x = THIGH_POSE.unpack(row)
     turn = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle))
     shank = frame_id or SHANK

@@ -139,7 +139,7 @@ class McapFile(BagFile):
     def in_file_order(
         self,
     ) -> Iterator[tuple[int, mcap.Message | mcap.Metadata | mcap.Attachment]]:
-        """Messages, metadata and attachments in the order of the file, with the offset [B] of their record."""
+        """Yield messages, metadata and attachments in the order of the file, with the offset [B] of their record."""
         chunks = {chunk.offset: chunk for chunk in self.chunks}
         for offset in sorted([*chunks, *self._others]):
             if offset not in chunks:
@@ -198,7 +198,7 @@ class McapFile(BagFile):
         self.chunks.append(chunk._replace(times=span, counts=counts, message_starts=starts))
 
     def _content_of(self, chunk: Chunk) -> ChunkContent:
-        """Records of a chunk.
+        """Return the records of a chunk.
 
         Raises:
             DamagedError: They cannot be decompressed, do not fit size or checksum, or are too many or not records.
@@ -206,7 +206,7 @@ class McapFile(BagFile):
         return chunk_content(self._uncompressed(chunk), chunk.is_cut, chunk.message_starts)
 
     def _uncompressed(self, chunk: Chunk) -> bytes:
-        """Uncompressed records of a chunk; if it is cut off, the beginning that can be decompressed.
+        """Return the uncompressed records of a chunk; if it is cut off, the beginning that can be decompressed.
 
         Raises:
             DamagedError: They cannot be decompressed, or do not fit their size or checksum.
@@ -339,7 +339,7 @@ class ChunkContent(NamedTuple):
 def chunk_content(
     data: bytes, is_cut: bool = False, message_starts: NDArray[np.uint32] | None = None
 ) -> ChunkContent:
-    """Messages, schemas and channels in `data`; if it is cut off, the whole ones at its beginning.
+    """Return the messages, schemas and channels in `data`; if it is cut off, the whole ones at its beginning.
 
     If the offsets of the messages are known (`message_starts`), nothing else is searched.
 
@@ -366,7 +366,7 @@ def chunk_content(
 
 
 def _record_starts(data: bytes) -> tuple[NDArray[np.int64], int]:
-    """Offsets [B] of the whole records at the beginning of `data`, shape (n,), and the end of the last one.
+    """Return the offsets [B] of the whole records at the beginning of `data`, shape (n,), and the end of the last one.
 
     Raises:
         DamagedError: There are too many.
@@ -394,7 +394,7 @@ def _record_starts(data: bytes) -> tuple[NDArray[np.int64], int]:
 
 @lru_cache(maxsize=64)  # thousands of channels may share a schema of a megabyte
 def definition_of(encoding: str, text: bytes) -> MessageDefinition:
-    """Definition of a type from the encoding and the text of its schema."""
+    """Return the definition of a type from the encoding and the text of its schema."""
     if encoding not in DEFINITION_FORMATS:
         return NO_DEFINITION
     return MessageDefinition(DEFINITION_FORMATS[encoding], text.decode("utf-8", "replace"))

@@ -103,12 +103,12 @@ class RecordReader:
         self._chunk_starts = [*sorted(self._indexes), size]
 
     def bytes_between(self, begin: int, end: int) -> bytes:
-        """Bytes between two offsets; fewer at the end of the file."""
+        """Return the bytes between two offsets; fewer at the end of the file."""
         self.file.seek(begin)
         return self.file.read(max(end - begin, 0))
 
     def magic_length_at(self, offset: int) -> int:
-        """Length [B] of the magic at `offset`; 0 if there is none."""
+        """Return the length [B] of the magic at `offset`; 0 if there is none."""
         found = self.bytes_between(offset, offset + len(MCAP0_MAGIC))
         return len(MCAP0_MAGIC) if found == MCAP0_MAGIC else 0
 
@@ -141,7 +141,7 @@ class RecordReader:
         return FileRecord(opcode, offset, end, content) if content else None
 
     def checksum_between(self, begin: int, end: int) -> int:
-        """CRC-32 of the bytes between two offsets."""
+        """Return the CRC-32 of the bytes between two offsets."""
         checksum = 0
         for position in range(begin, end, BYTES_AT_ONCE):
             data = self.bytes_between(position, min(position + BYTES_AT_ONCE, end))
@@ -149,7 +149,7 @@ class RecordReader:
         return checksum
 
     def fits_summary(self, footer: FileRecord) -> bool:
-        """Whether the summary section fits the checksum in the footer, if that has one."""
+        """Return whether the summary section fits the checksum in the footer, if that has one."""
         begin = footer.content.summary_start
         checksum = footer.content.summary_crc
         if not (begin and checksum):
@@ -159,7 +159,7 @@ class RecordReader:
         return self.checksum_between(begin, footer.end - 4) == int(checksum)
 
     def _indexed_chunk_at(self, offset: int) -> Chunk | None:
-        """Chunk at an offset by its index; None if it has no index, or no checksum verifies it."""
+        """Return the chunk at an offset by its index; None if it has no index, or no checksum verifies it."""
         if not (index := self._indexes.get(offset)):
             return None
         end = offset + index.chunk_length
@@ -171,7 +171,7 @@ class RecordReader:
         return Chunk(offset, end, begin, index.uncompressed_size, index.compression, checksum)
 
     def _chunk_at(self, offset: int) -> Chunk | None:
-        """Chunk at an offset by its head; None without one.
+        """Return the chunk at an offset by its head; None without one.
 
         If its two lengths differ, that of its data counts if another record follows and a checksum confirms it.
         """
@@ -203,7 +203,7 @@ class RecordReader:
         )
 
     def _head_at(self, offset: int) -> tuple[int, int]:
-        """Opcode at an offset, and the offset of the record's end by its length; `HOLE` and `offset` without one."""
+        """Return the opcode at an offset, and where the record ends by its length; `HOLE` and `offset` without one."""
         head = self.bytes_between(offset, offset + RECORD_HEAD.size)
         if len(head) < RECORD_HEAD.size:
             return HOLE, offset
@@ -211,18 +211,18 @@ class RecordReader:
         return opcode, offset + RECORD_HEAD.size + length
 
     def _may_begin_at(self, offset: int) -> bool:
-        """Whether there is a plausible head of a record."""
+        """Return whether there is a plausible head of a record."""
         opcode, end = self._head_at(offset)
         is_known = 0 < opcode <= Opcode.DATA_END or opcode >= FIRST_PRIVATE_OPCODE
         return is_known and end <= self._next_chunk_after(offset)
 
     def _next_chunk_after(self, offset: int) -> int:
-        """Offset of the next chunk after `offset` that has an index, or the size of the file."""
+        """Return the offset of the next chunk after `offset` that has an index, or the size of the file."""
         following = bisect_right(self._chunk_starts, offset)
         return self._chunk_starts[min(following, len(self._chunk_starts) - 1)]
 
     def _hole_at(self, offset: int) -> FileRecord:
-        """Bytes from `offset` that are not a record: up to where their length leads, or up to the next chunk."""
+        """Return the bytes from `offset` that are no record: up to where their length leads, or to the next chunk."""
         _, end = self._head_at(offset)
         limit = self._next_chunk_after(offset)
         if offset < end < limit and self._may_begin_at(end):

@@ -134,7 +134,7 @@ class McapWriter(Writer):
         self.channels[topic] = self.register_channel(topic, "cdr", schema, metadata)
 
     def next_sequence(self, topic: str) -> int:
-        """Sequence number of the next message of a topic: its number of messages in this file and earlier ones."""
+        """Return the next sequence number of a topic: its number of messages in this file and earlier ones."""
         counts = self.statistics.channel_message_counts
         return self._earlier.get(topic, 0) + counts.get(self.channels[topic], 0)
 
@@ -216,7 +216,7 @@ class McapWriter(Writer):
                 output_files.sync_folder(self.path.parent)
 
     def free_space(self) -> int:
-        """Free space [B] on the disk of the file.
+        """Return the free space [B] on the disk of the file.
 
         Raises:
             OSError: The file has been removed.

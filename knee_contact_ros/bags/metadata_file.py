@@ -40,7 +40,7 @@ OFFERED_QOS = [
 def information(
     files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Content of `metadata.yaml` for a bag of these files, by name, with the entries of its topics in their order."""
+    """Return the content of `metadata.yaml` for files, given by name, with the entries of their topics in order."""
 
     def times(files: Iterable[Statistics]) -> dict[str, Any]:
         filled = [file for file in files if file.message_count]
@@ -94,7 +94,7 @@ def put_metadata(folder: Path, content: dict[str, Any]) -> None:
 
 
 def to_yaml(content: Any) -> str:
-    """Content as YAML text, with the keys in the given order."""
+    """Return the content as YAML text, with the keys in the given order."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
@@ -106,7 +106,7 @@ def to_yaml(content: Any) -> str:
 
 
 def qos_of(type_name: str) -> list[dict[str, Any]]:
-    """Offered QoS profiles of a topic by its type; late subscribers also get the description of the leg."""
+    """Return the offered QoS profiles of a topic by its type; late subscribers also get the description of the leg."""
     if type_name == MESSAGE_TYPES[ROBOT_DESCRIPTION]:
         return [OFFERED_QOS[0] | {"depth": 1, "durability": "transient_local"}]
     return OFFERED_QOS
@@ -114,5 +114,5 @@ def qos_of(type_name: str) -> list[dict[str, Any]]:
 
 @cache
 def offered_qos(type_name: str) -> str:
-    """Offered QoS profiles of a topic as YAML text, for the metadata of channels."""
+    """Return the offered QoS profiles of a topic as YAML text, for the metadata of channels."""
     return to_yaml(qos_of(type_name))

@@ -19,14 +19,14 @@ NAMESPACE = ""
 
 
 def absolute(name: str, namespace: str = "") -> str:
-    """Absolute name of a topic in a namespace; some recorders omit the first slash of an absolute name."""
+    """Return the absolute name of a topic in a namespace; some recorders omit the first slash of an absolute name."""
     return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
 
 
 def names_in_bag(
     remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS
 ) -> Names:
-    """Names in a bag according to the options `--remap FROM:=TO` and `--namespace`.
+    """Return the names in a bag according to the options `--remap FROM:=TO` and `--namespace`.
 
     Args:
         remaps: Rules `FROM:=TO`; FROM is the name of an input in the node, TO its name in the bag.

@@ -65,7 +65,7 @@ class Provenance(NamedTuple):
     """Unreadable parts of the provenance, as sentences"""
 
     def file_contents(self) -> dict[str, str]:
-        """Contents of the files that the model needs, by the names of the parameters. No file is opened.
+        """Return the contents of the files that the model needs, by the names of the parameters. No file is opened.
 
         Raises:
             UsageError: The recording does not contain one of them.
@@ -86,7 +86,7 @@ def provenance_record(
     source: Bag | None = None,
     ticks_before: int = 0,
 ) -> dict[str, str]:
-    """Content of the metadata record; nothing in it depends on where or when it is written.
+    """Return the content of the metadata record; nothing in it depends on where or when it is written.
 
     Args:
         parameters: Parameters at the beginning of the recording, of answers or of estimated joint reactions.
@@ -114,12 +114,12 @@ def provenance_record(
 
 
 def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
-    """Content of the metadata record for parameters that have changed to these values after `tick` ticks."""
+    """Return the content of the metadata record for parameters that have changed to these values after `tick` ticks."""
     return {TICK: str(tick)} | {name: json.dumps(value) for name, value in values.items()}
 
 
 def read_provenance(bag: Path | Bag) -> Provenance | None:
-    """Provenance of a bag; None if it contains none.
+    """Return the provenance of a bag; None if it contains none.
 
     Raises:
         UsageError: The provenance is damaged, or has parameters that this version does not know; or the bag is a later
@@ -160,7 +160,7 @@ def read_provenance(bag: Path | Bag) -> Provenance | None:
 
 
 def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:
-    """Parameters in the record `name` of a bag; None if it has no such record, or only another package's.
+    """Return the parameters in the record `name` of a bag; None if it has no such record, or only another package's.
 
     Raises:
         UsageError: The record is damaged.
@@ -181,7 +181,7 @@ def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[s
 
 
 def stored_load(bag: Bag) -> tuple[dict[str, Any], int] | None:
-    """Parameters at the beginning of a recording of estimated loads, by name, and how often they changed in it.
+    """Return the parameters at the beginning of a recording of loads, by name, and how often they changed in it.
 
     None: the bag is not such a recording.
 
@@ -200,7 +200,7 @@ def stored_load(bag: Bag) -> tuple[dict[str, Any], int] | None:
 
 
 def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
-    """Provenance with other values of some parameters, by dotted names; files that these name are read.
+    """Return a provenance with other values of some parameters, by dotted names; files that these name are read.
 
     Raises:
         UsageError: A name is unknown, a value has a wrong type or is out of range, or a file cannot be read.
@@ -215,14 +215,14 @@ def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance
 
 
 def model_digest() -> str:
-    """SHA-256 of the source of the model."""
+    """Return the SHA-256 of the source of the model."""
     return files_digest(Path(knee_contact_ros.model.__file__).parent.rglob("*.py"))
 
 
 def _changes(
     records: Iterable[tuple[str, dict[str, str]]], before: int
 ) -> tuple[list[Change], list[str]]:
-    """Changes in the order of ticks, counted from `before` ticks of the node, and the faults of unreadable records."""
+    """Return the changes in the order of ticks, counted from `before`, and the faults of unreadable records."""
     changes, damage = [], []
     for name, values in records:
         if name not in (RESET, PARAMETERS_CHANGED):

@@ -293,7 +293,7 @@ class Recorder:
         self._bag.flush()
 
     def news(self) -> tuple[str, ...]:
-        """Remarks that are new since the last call.
+        """Return the remarks that are new since the last call.
 
         Raises:
             OSError: The file has been removed.
@@ -332,7 +332,7 @@ class Recorder:
 
 
 def space_shortage(free: float, least: float, size: float = 0.0) -> str:
-    """Message about too little free disk space [B]; empty if at least `least` is left after a file of a size [B]."""
+    """Return a message about too little free disk space [B]; empty if `least` is left after a file of a size [B]."""
     if free >= least + size:
         return ""
     needed = f"{size / MB:.1f} MB are needed, " if size else ""
@@ -354,7 +354,7 @@ def check_recordable(path: Path, min_free: float, size: float = 0.0) -> None:
 
 
 def sink_for(knee: RecordedKnee) -> Sink | None:
-    """Description of the recorder of a knee as a sink, which writes MCAP; None if the parameters name no file."""
+    """Describe the recorder of a knee as a sink, which writes MCAP; return None if the parameters name no file."""
     record = knee.parameters.record
     if not record.path:
         return None

@@ -134,7 +134,7 @@ def _opened(source: Path, output: Path, overwrite: bool, advance: OnProgress) ->
 
 
 def _topics(file: McapFile) -> list[TopicCount]:
-    """Numbers of messages by topic, in the order of the channels."""
+    """Return the numbers of messages by topic, in the order of the channels."""
     expected = Counter[str]()
     counts = Counter[str]()
     types = dict[str, str]()

@@ -28,7 +28,7 @@ READ_AHEAD = 256
 
 
 def as_recorded(parameters: Any) -> Any:
-    """Parameters with the usual inputs, which a recording of a node has instead of the node's sources."""
+    """Return the parameters with the usual inputs, which a recording of a node has instead of the node's sources."""
     section, topics = (
         parameters.force_source.split(".")[0],
         [JOINT_STATES, parameters.usual_forces],
@@ -98,7 +98,7 @@ class BagInputs:
         return self._reader.count_messages(self._topics[1])
 
     def publishers(self) -> list[str]:
-        """Channels of the angles and of the forces, as words; empty where there is only one."""
+        """Return the channels of the angles and of the forces, as words; empty where there is only one."""
         words = []
         for topic in self._topics:
             ids = self._reader.channel_ids(topic)
@@ -149,7 +149,7 @@ class BagInputs:
 
 
 def transform_messages(bag: Bag) -> list[bytes]:
-    """Messages of `/tf_static` in a bag, as bytes; an empty list if it has no such topic of that type."""
+    """Return the messages of `/tf_static` in a bag, as bytes; an empty list if it has no such topic of that type."""
     with suppress(UsageError):
         return [message.data for message in bag.select({TF_STATIC: TF_MESSAGE}).raw_messages()]
     return []

@@ -47,7 +47,7 @@ def basis_of(
     person: Subject | None,
     namespace: str = "",
 ) -> Parameters | Provenance:
-    """Parameters to compute a bag with: the given ones, else those in a recording, else the healthy knee.
+    """Return the parameters to compute a bag with: the given ones, else those in a recording, else the healthy knee.
 
     `values`, by dotted names, override `params`, and `params` override the subject file of a `person`. Of parameter
     files, the sections for a node in `namespace` are used.
@@ -103,7 +103,7 @@ def with_body_weight(
 
 
 def weight_doubt(bag: Bag, parameters: Parameters | LoadParameters) -> list[str]:
-    """Sentence that a bag was imported with another body weight than the parameters have; empty list if not."""
+    """Return a sentence that a bag was imported with another body weight than that of the parameters, in a list."""
     if isinstance(parameters, LoadParameters):
         used = parameters.person.mass * GRAVITY
         given = f"person.mass {used / GRAVITY:.7g} kg"
@@ -161,7 +161,7 @@ class Subject:
         return self._file(self.content.bag) if self.content.bag else None
 
     def sources(self) -> list[Path | Mapping[str, Any]]:
-        """Sources for `load_parameters`: the subject's parameter files, and its own values, which override them.
+        """Return sources for `load_parameters`: the subject's parameter files, and its own values, which override them.
 
         Raises:
             UsageError: one of the parameter files cannot be used.

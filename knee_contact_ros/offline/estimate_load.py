@@ -74,7 +74,7 @@ class LoadSummary(NamedTuple):
 def load_parameters_for(
     bag: Bag, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
 ) -> tuple[LoadParameters, str, list[str]]:
-    """Parameters for a bag: the given ones, else those that a recording of estimates holds, else the defaults.
+    """Return parameters for a bag: the given ones, else those that a recording of estimates holds, else the defaults.
 
     Returns:
         The parameters, a name for them if no `sources` are given, and sentences of doubt about them.
@@ -150,7 +150,7 @@ def _rows(
     keep: Callable[[LoadAnswer], object] | None,
     flexions: list[float],
 ) -> Iterator[tuple[Any, ...]]:
-    """Stamp and estimate of each answer, as `ESTIMATE`; its flexion angle [rad] is added to `flexions`."""
+    """Yield the stamp and estimate of each answer, as `ESTIMATE`; its flexion angle [rad] is added to `flexions`."""
     for answer in answers:
         if keep:
             keep(answer)
@@ -161,7 +161,7 @@ def _rows(
 def _answers(
     inputs: BagInputs, pipeline: LoadPipeline, advance: OnProgress
 ) -> Iterator[LoadAnswer]:
-    """Answers to all messages of a bag, one by one; `advance` is called after each block."""
+    """Yield the answers to all messages of a bag, one by one; `advance` is called after each block."""
     done = 0
     for block in inputs.batches_of(MESSAGES_PER_ADVANCE):
         yield from pipeline.push_messages(block)

@@ -215,7 +215,7 @@ def solve_inputs(
 
 
 def remap_rules(remap: Mapping[str, str] | None) -> list[str]:
-    """Rules `FROM:=TO` as on the command line."""
+    """Return rules `FROM:=TO` as on the command line."""
     return [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
 
 

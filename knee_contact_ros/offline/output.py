@@ -85,7 +85,7 @@ def open_bag_output(
 def nothing_computed(
     bag: Bag, what: str, pipeline: Pipeline[Any], damage: Sequence[str]
 ) -> UsageError:
-    """Error that a bag gave no `what`, with the reasons why samples were refused."""
+    """Return the error that a bag gave no `what`, with the reasons why samples were refused."""
     reasons = [f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items()]
     parts = [part for part in (", ".join(reasons), pipeline.last_refusal) if part]
     why = "; ".join(parts) or "no angle and force at one time"

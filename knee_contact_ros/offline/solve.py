@@ -106,7 +106,7 @@ def solve(
 
 
 def _empty_summary(pipeline: ContactPipeline) -> Summary:
-    """Summary of the medial (or only) compartment, with that of the lateral one, if there is one."""
+    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one."""
     weight = pipeline.parameters.body_weight
     summary, *others = (Summary(weight, each.doubts) for each in pipeline.compartments)
     if others:

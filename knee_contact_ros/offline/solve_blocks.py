@@ -90,7 +90,7 @@ class _Samples(NamedTuple):
     doubtful: NDArray[np.bool_]
 
     def angle_sample(self, index: int) -> AngleSample:
-        """Angle sample as the pipeline makes it of one message."""
+        """Return the angle sample as the pipeline makes it of one message."""
         height = None if self.heights is None else float(self.heights[index])
         data = self.states.data[index].tobytes()
         angle = float(self.angles[index])
@@ -129,7 +129,7 @@ class BlockAnswers(NamedTuple):
     pairs: _Pairs
 
     def messages(self, leg: DrawnLeg) -> list[TopicMessages]:
-        """TopicMessages to record, inputs and outputs, with their places in the order of the recording."""
+        """Return the messages to record, inputs and outputs, with their places in the order of the recording."""
         samples = self.samples
         rows = self.block.rows
         number = len(self.block.angle)
@@ -215,7 +215,7 @@ def answer_block(
 def _clocks_differ(
     before: Synchroniser, samples: _Samples, streams: Indices, max_gap: int
 ) -> bool:
-    """Whether stamps differ from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
+    """Return whether stamps differ from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
     is_load = streams == 1
     loads = int(np.count_nonzero(is_load))
     stamps = np.empty(len(streams), np.int64)
@@ -251,7 +251,7 @@ def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
 
 
 def _all_continue(steps: Stamps, known: int, max_gap: int) -> bool:
-    """Whether a `Timeline` would accept all steps [ns] after the first `known` ones: forward, and not too far."""
+    """Return whether a `Timeline` would accept all steps [ns] after the `known` ones: forward, and not too far."""
     if len(steps) <= known:
         return False
     recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])

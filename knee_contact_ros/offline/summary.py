@@ -47,7 +47,7 @@ class Moment(NamedTuple):
 
     @classmethod
     def of(cls, answer: Any, run: int) -> Moment:
-        """Moment of an answer, a single one of `Rows`."""
+        """Return the moment of an answer, a single one of `Rows`."""
         return cls._make([*(answer[name].item() for name in cls._fields[:-1]), run])
 
 
@@ -198,7 +198,7 @@ class Summary:
         ]
 
     def missing_parts(self, bag: Path) -> str:
-        """Sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
+        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
         damage = (
             f" is damaged, and solved as far as it can be read: {join_faults(self.damage)}"
             if self.damage
