@@ -46,7 +46,7 @@ PLACES = [at for at in range(len(DATA)) if DATA[at : at + 1] == b"\5"]
 
 
 @pytest.mark.parametrize("length", [0, 21, 2**63, 2**64 - 9])
-def test_a_length_that_leads_back_is_not_believed(length: int) -> None:
+def test_a_length_that_leads_back_is_damage(length: int) -> None:
     data = bytearray(DATA)
     data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
     with pytest.raises(DamagedError, match="bytes that are not records"):

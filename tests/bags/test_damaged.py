@@ -10,7 +10,6 @@ from mcap.writer import CompressionType
 
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.output import SOURCE_DAMAGE
 from knee_contact_ros.parameters.files import load_parameters
@@ -18,6 +17,7 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, stamp_t
 from studies.fuzz_bags.bags import TICKS, mcap, messages, split, sqlite
 from tests.bags.test_mcap_file import chunks
 from tests.helpers.bags import raw_messages
+from tests.helpers.commands import run
 from tests.helpers.offline import solve
 
 CONTACT = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
@@ -28,7 +28,7 @@ def damage_of(bag: Path) -> list[str]:
         return opened.damage
 
 
-def test_answers_behind_a_hole_say_so(tmp_path: Path) -> None:
+def test_the_answer_after_a_hole_is_stale(tmp_path: Path) -> None:
     bag = tmp_path / "bag.mcap"
     mcap(bag, CompressionType.NONE)
     content = bytearray(bag.read_bytes())
@@ -59,7 +59,7 @@ def test_the_command_ends_with_code_1_and_one_line(
     bag = tmp_path / "bag.mcap.partial"
     mcap(bag, CompressionType.ZSTD)
     bag.write_bytes(bag.read_bytes()[:6000])
-    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == 1
+    assert run(f"solve {bag} --output {tmp_path}/out.mcap") == 1
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "bag.mcap.partial is damaged, and solved as far as it can be read" in said

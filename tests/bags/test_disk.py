@@ -114,7 +114,7 @@ HOW = ("nothing", "torn", "zeros", "backwards", "all")
 """What becomes of that which was not asked for to be on the disk"""
 
 
-def test_what_was_synced_is_found_wherever_the_power_fails(
+def test_synced_answers_survive_a_power_failure(
     log: Path, started: Started, tmp_path: Path
 ) -> None:
     path, numbers = tmp_path / FOLDER / RECORDING, 0

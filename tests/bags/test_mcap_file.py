@@ -94,7 +94,7 @@ def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(
     assert f"is cut off; {len(found)} of its messages are read" in faults[1]
 
 
-def test_without_checksums_a_chunk_tells_times_and_declarations(tmp_path: Path) -> None:
+def test_damage_without_checksums(tmp_path: Path) -> None:
     path = made(tmp_path, "no checksums")
     payload = path.read_bytes().index(WRITTEN[50][2])
     change(path, payload - 10, b"\x01")  # of its log time
@@ -115,7 +115,7 @@ def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path: P
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int) -> None:
+def test_overlapping_chunks_are_read_by_time(tmp_path: Path, seed: int) -> None:
     dice, path, chunks = np.random.default_rng(seed), tmp_path / "bag.mcap", []
     times = [sorted(dice.integers(0, 200, dice.integers(1, 9)).tolist()) for _ in range(100)]
     times[seed] = list(range(300))
@@ -146,7 +146,7 @@ def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(
     assert [time for _, time, _ in read(path)[0]] == times.tolist()
 
 
-def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
+def test_too_large_chunks_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     for content, words in (
         (whole(chunk(zstd_of_zeros(1024), 2**28)), "more than 200 times the file"),
@@ -160,7 +160,7 @@ def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
             assert any(words in fault for fault in file.faults)
 
 
-def test_chunks_over_each_other_are_not_unpacked_at_once(
+def test_memory_of_overlapping_chunks_is_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("knee_contact_ros.bags.arrival.MAX_BYTES_IN_MEMORY", 2**20)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from knee_contact_ros.bags.answers import read_answers
@@ -22,11 +21,11 @@ from knee_contact_ros.bags.provenance import (
     read_provenance,
 )
 from knee_contact_ros.bags.recorder import BagWriter, FileLimits
-from knee_contact_ros.commands.main import knee_contact, main
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
+from tests.helpers.commands import run
 from tests.helpers.offline import solve
 from tests.helpers.recordings_of import recording_with
 
@@ -47,7 +46,7 @@ def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
 
 
 def test_a_recording_is_computed_again_from_itself_alone(
-    config: Path, right_bag: Path, tmp_path: Path
+    config: Path, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Even where the files that its parameters named are gone."""
     profile, mine = tmp_path / "my_femur.csv", tmp_path / "mine.yaml"
@@ -58,25 +57,15 @@ def test_a_recording_is_computed_again_from_itself_alone(
     first, second, third = (tmp_path / f"{name}.mcap" for name in ("first", "second", "third"))
     solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first)
     profile.unlink()
-    done = CliRunner().invoke(
-        knee_contact, ["solve", str(first), "--output", str(second)], catch_exceptions=False
-    )
-    assert f"those in {first.name}, made with knee_contact_ros" in done.output
+    assert run(f"solve {first} --output {second}") == 0
+    assert f"those in {first.name}, made with knee_contact_ros" in capsys.readouterr().out
     assert messages(second) == messages(first)
     found = read_provenance(second)
     assert found is not None
     assert found.parameters == load_parameters([config / "osteoarthritis.yaml", mine])
     solve(second, found, third)
     assert messages(third) == messages(first)
-    healthy = [
-        "solve",
-        str(first),
-        "--params",
-        "healthy.yaml",
-        "--output",
-        str(tmp_path / "fourth.mcap"),
-    ]
-    assert CliRunner().invoke(knee_contact, healthy).exit_code == 0
+    assert run(f"solve {first} --params healthy.yaml --output {tmp_path}/fourth.mcap") == 0
     assert messages(tmp_path / "fourth.mcap") != messages(first)
 
 
@@ -109,7 +98,7 @@ def test_the_record_names_package_model_parameters_and_source(
     assert not [name for name in parameters if name.startswith(("record", "rerun", "autostart"))]
 
 
-def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path) -> None:
+def test_changes_of_the_node_are_repeated(right_bag: Path, tmp_path: Path) -> None:
     """Changes count from the beginning of the recording, whatever the node had computed before."""
     recording = tmp_path / "out.mcap"
     with BagWriter(recording) as bag:
@@ -157,7 +146,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_damaged_change_is_told(
+def test_a_damaged_change_is_reported(
     name: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The others are made, all ticks computed, and the command ends as with a damaged bag."""
@@ -167,7 +156,7 @@ def test_a_damaged_change_is_told(
     recording = recording_with(
         tmp_path / "in.mcap", right_bag, [("knee_contact", ours), (kind, values), good]
     )
-    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
+    assert run(f"solve {recording} --output {tmp_path}/out.mcap") == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
     assert line.endswith("is damaged; its change is not repeated")
@@ -182,14 +171,14 @@ def test_a_change_that_cannot_be_made_is_refused(
     ours = provenance_record(load_parameters({}), {})
     changed = ("parameters_changed", {"tick": "100", "contact.dampinh": "1.0"})
     recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), changed])
-    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 2
+    assert run(f"solve {recording} --output {tmp_path}/out.mcap") == 2
     assert (
         "a change after 100 ticks that cannot be made: unknown parameter contact.dampinh"
         in capsys.readouterr().err
     )
 
 
-def test_a_recording_that_was_cut_off_still_says_it(
+def test_a_cut_off_recording_has_its_parameters(
     config: Path, right_bag: Path, tmp_path: Path
 ) -> None:
     solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap")
@@ -200,7 +189,7 @@ def test_a_recording_that_was_cut_off_still_says_it(
     assert found.parameters == load_parameters(config / "osteoarthritis.yaml")
 
 
-def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
+def test_a_later_file_alone_has_no_parameters(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run_0.mcap", limits=FileLimits(duration=10.0)) as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
         bag.add_metadata("knee_contact", provenance_record(load_parameters({}), {}))
@@ -215,7 +204,7 @@ def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
         assert read_provenance(whole) is not None
 
 
-def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: Path) -> None:
+def test_another_recording_in_the_folder_is_ignored(right_bag: Path, tmp_path: Path) -> None:
     shutil.copytree(right_bag, tmp_path / "bag")
     folder, digest = tmp_path / "bag", bag_digest(tmp_path / "bag")
     with BagWriter(folder / "a_earlier.mcap") as bag:

@@ -128,7 +128,7 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
         ([], "/", "it must be a name"),
     ],
 )
-def test_a_wrong_rule_says_what_would_be_right(
+def test_a_wrong_rule_is_refused_with_advice(
     remaps: list[str], namespace: str, words: str
 ) -> None:
     with pytest.raises(UsageError) as caught:
@@ -173,7 +173,7 @@ STATE, WRENCH = INPUT_TYPES.values()
         ),
     ],
 )
-def test_what_is_there_instead_is_told_in_one_line(
+def test_a_missing_topic_is_refused_with_those_there_are(
     channels: list[tuple[str, str]], words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(UsageError) as caught:
@@ -182,7 +182,7 @@ def test_what_is_there_instead_is_told_in_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_topic_that_is_no_cdr_is_told(tmp_path: Path) -> None:
+def test_a_topic_that_is_no_cdr_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="topic /joint_states is encoded as json; it must be cdr"):
         raw_messages(empty(tmp_path / "json.mcap", list(INPUT_TYPES.items()), encoding="json"))
 

@@ -29,7 +29,7 @@ def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFa
     return path
 
 
-def test_columns_hold_what_the_messages_say(recording: Path) -> None:
+def test_columns_hold_the_numbers_of_the_messages(recording: Path) -> None:
     answers = read_answers(recording)
     messages = [entry.message for entry in read_bag(recording, {"/knee_contact": CONTACT})]
     assert answers["stamp"].tolist() == [stamp_to_ns(message.header.stamp) for message in messages]

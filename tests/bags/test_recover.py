@@ -19,11 +19,11 @@ from rosbags.highlevel import AnyReader
 
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.recover import RECOVERED, recover
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, mcap, messages
 from tests.bags.test_mcap_file import chunks
 from tests.helpers.bags import raw_messages
+from tests.helpers.commands import run
 
 Row = tuple[str, int, bytes]
 """Topic, log time [ns] and bytes of a message"""
@@ -113,7 +113,7 @@ def test_the_missing_are_counted_where_the_statistics_are_left(
     data, (offset, length) = bytearray(path.read_bytes()), chunks(path)[1]
     data[offset + length // 2] ^= 1
     path.write_bytes(data)
-    assert main(["recover", str(path), str(tmp_path / "out.mcap")]) == 0
+    assert run(f"recover {path} {tmp_path}/out.mcap") == 0
     said = capsys.readouterr().out
     left = len(raw_messages(tmp_path / "out.mcap"))
     missing = [int(line.split()[-1]) for line in said.splitlines() if line.startswith(" /joint")]
@@ -144,7 +144,9 @@ def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> Non
         (b"SQLite format 3\0", "sqlite3"),
     ],
 )
-def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, words: str) -> None:
+def test_a_file_without_messages_is_refused(
+    tmp_path: Path, data: bytes | None, words: str
+) -> None:
     path = tmp_path / "in.mcap"
     if data is not None:
         path.write_bytes(data)
@@ -156,7 +158,7 @@ def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, wo
 
 
 @pytest.mark.parametrize("fault", ["open:1", "write:1", "write:2", "fsync:1"])
-def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
+def test_a_full_disk_leaves_nothing_behind(
     cut: Path, watching: Path, tmp_path: Path, fault: str
 ) -> None:
     """The output that is to be replaced and what lies beside stay as they were."""
@@ -190,7 +192,7 @@ def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
     assert output.read_text() == "precious"
 
 
-def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_path: Path) -> None:
+def test_an_output_that_appears_meanwhile_is_kept(cut: Path, tmp_path: Path) -> None:
     output = tmp_path / "bag.mcap"
     with pytest.raises(UsageError, match="appeared in the meantime and was not changed"):
         recover(cut, output, advance=lambda _done, _total: output.write_text("precious") and None)
@@ -351,7 +353,7 @@ def as_far_as_it_goes(found: Iterator[Row]) -> set[Row]:
 
 @pytest.mark.parametrize("compression", CompressionType)
 @pytest.mark.parametrize("name", DAMAGES)
-def test_whatever_is_damaged_as_much_comes_back_as_by_any_other_reader(
+def test_no_other_reader_reads_more_of_a_damaged_file(
     tmp_path: Path, name: str, compression: CompressionType
 ) -> None:
     """And nothing that was not written: checksums cover all messages here."""

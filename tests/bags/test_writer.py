@@ -129,14 +129,14 @@ def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
         ),
     ],
 )
-def test_what_has_a_recordings_name_is_left_alone(tmp_path: Path, taken: str, words: str) -> None:
+def test_an_existing_file_is_kept(tmp_path: Path, taken: str, words: str) -> None:
     (tmp_path / taken).write_text("all that is left")
     with pytest.raises(UsageError, match=words):
         BagWriter(tmp_path / "out.mcap")
     assert (tmp_path / taken).read_text() == "all that is left"
 
 
-def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_path: Path) -> None:
+def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "rec.mcap"
     with BagWriter(path) as bag:
         bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])

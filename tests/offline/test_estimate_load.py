@@ -13,7 +13,6 @@ from knee_contact_ros.bags.answers import read_answers, read_bag
 from knee_contact_ros.bags.bag import Bag, RawMessage
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, FileLimits
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
@@ -29,6 +28,7 @@ from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
+from tests.helpers.commands import run
 from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 
@@ -99,26 +99,18 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     )
 
 
-def test_angles_that_no_knee_has_are_told_once(
+def test_impossible_angles_are_reported_once(
     walking: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = walking.with_name("bent.mcap")
-    arguments = [
-        str(walking),
-        "--params",
-        "load/inverse_dynamics",
-        "-p",
-        "knee.offset:=5.0",
-        "--output",
-        str(output),
-    ]
-    assert main(["estimate-load", *arguments]) == 0
+    bent = "--params load/inverse_dynamics -p knee.offset:=5.0"
+    assert run(f"estimate-load {walking} {bent} --output {output}") == 0
     assert capsys.readouterr().err.count("does it have an offset (knee.offset, in rad)") == 1
     with pytest.warns(UserWarning, match=r"offset \(knee\.offset, in rad\)"):
         knee_contact_ros.estimate_load(walking, WHOLE_LEG, {"knee.offset": 5.0})
 
 
-def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) -> None:
+def test_the_recording_has_its_provenance(walking: Path, estimated: Path) -> None:
     said = metadata(estimated)[LOAD_PROVENANCE]
     assert (said["level"], said["source"], said["ticks_before"]) == (
         "ankle_moment",
@@ -131,7 +123,7 @@ def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) ->
     assert read_provenance(estimated) is None  # it is none of a contact
 
 
-def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
+def test_the_estimate_can_be_solved(estimated: Path, tmp_path: Path) -> None:
     summary = solve(estimated, load_parameters({}), tmp_path / "contact.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
     kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
@@ -157,7 +149,7 @@ def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(by_hand[firm], found.penetration_depth[firm], rtol=0.15)
 
 
-def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None:
+def test_contacts_of_a_doubtful_load_are_flagged(tmp_path: Path) -> None:
     """A foot that bears nothing throughout is no walk, from 3 s on; a ground that pulls is none at once."""
     loads, contact = tmp_path / "loads.mcap", tmp_path / "contact.mcap"
     for force, begins in ((0.0, 3 * 10**9), (-400.0, -1)):
@@ -188,7 +180,7 @@ def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None
         (tmp_path / "still.mcap").unlink()
 
 
-def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:
+def test_a_split_estimate_can_be_solved(tmp_path: Path) -> None:
     """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
     pipeline, folder = LoadPipeline(load_parameters({}, LoadParameters)), tmp_path / "parts"
     record = provenance_record(load_parameters({}, LoadParameters))
@@ -201,7 +193,7 @@ def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None
         writer.write_ending(pipeline.ending())
     assert len(list(folder.glob("*.mcap"))) == 3
     assert read_provenance(folder) is None
-    assert main(["solve", str(folder), "--output", str(tmp_path / "contact.mcap")]) == 0
+    assert run(f"solve {folder} --output {tmp_path}/contact.mcap") == 0
     assert (
         len(raw(tmp_path / "contact.mcap", {"/knee_contact": MESSAGE_TYPES["knee_contact"]}))
         == 240
@@ -231,19 +223,8 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be(
     long = walking_bag(tmp_path / "long.mcap", walk(3000, MS))
     cut.write_bytes(long.read_bytes()[: 2 * long.stat().st_size // 3])
     output = tmp_path / "out.mcap"
-    assert (
-        main(
-            [
-                "estimate-load",
-                str(cut),
-                "--params",
-                "load/inverse_dynamics",
-                "--output",
-                str(output),
-            ]
-        )
-        == 1
-    )
+    how = "--params load/inverse_dynamics"
+    assert run(f"estimate-load {cut} {how} --output {output}") == 1
     said = capsys.readouterr()
     assert said.err.splitlines()[-1].startswith(
         f"knee-contact: bag {cut} is damaged, and read as far as it can be: "

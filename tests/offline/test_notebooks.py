@@ -87,7 +87,7 @@ def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(
     assert told(healthy) == told(knee_contact_ros.solve(right_bag))
 
 
-def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
+def test_doubts_are_warnings(right_bag: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no bag"):
         knee_contact_ros.solve()
     with pytest.raises(UsageError, match=r"its name must end with \.mcap"):
@@ -130,7 +130,7 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_wrong_is_told_in_pythons_words(
+def test_errors_name_arguments_of_python(
     given: dict[str, Any],
     told: str,
     right_bag: Path,

@@ -128,9 +128,7 @@ def test_ordinary_bags_go_by_the_block(tmp_path: Path, name: str, every: int) ->
 
 
 @pytest.mark.parametrize("delay", [25 * MILLISECOND, -25 * MILLISECOND])
-def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that_does_not(
-    tmp_path: Path, delay: int
-) -> None:
+def test_a_known_delay_of_the_angles_changes_no_bit(tmp_path: Path, delay: int) -> None:
     prompt, late, rows = (
         gait(400, 5, begin=1000),
         list[Message](),
@@ -172,7 +170,7 @@ def test_prescribed_heights(tmp_path: Path) -> None:
     assert taken_at_once(tmp_path, rows, load_parameters({"drive": "displacement"}), 100) == 6
 
 
-def test_leftovers_of_memory_between_the_fields_are_no_content(tmp_path: Path) -> None:
+def test_bytes_of_padding_do_not_matter(tmp_path: Path) -> None:
     """ROS's own serialiser leaves them, and surplus bytes at the end."""
     rows, random = [], np.random.default_rng(5)
     for topic, stamp, data in gait(200):
@@ -234,7 +232,7 @@ def broken(kind: str, rows: list[Message], at: int) -> list[Message]:
     st.sampled_from([5, 16, 50]),
     st.sampled_from(list(PARAMETERS)),
 )
-def test_anything_unusual_ends_in_the_same_file(
+def test_unusual_messages_give_the_same_file(
     tmp_path: Path, faults: list[tuple[str, float]], every: int, block: int, name: str
 ) -> None:
     rows = gait(80, every)

@@ -225,7 +225,7 @@ def test_answers_are_those_of_the_usual_messages(
     assert answers(tmp_path / "again.mcap") == plain
 
 
-def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_frame_none(
+def test_forces_in_other_frames(
     tmp_path: Path,
 ) -> None:
     """The sensor's y lies along the tibia's x, its z along y, its x along z: exact in floating point."""
@@ -325,7 +325,7 @@ def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_fr
         ),
     ],
 )
-def test_what_cannot_be_read_is_told_at_the_start(
+def test_sources_that_cannot_be_read_are_refused(
     angles: str, forces: str, words: str, tmp_path: Path
 ) -> None:
     values = {"/number": 0.1, "/nan": math.nan}
@@ -342,7 +342,7 @@ def test_what_cannot_be_read_is_told_at_the_start(
         solve(bag, load_parameters(how), None)
 
 
-def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: Path) -> None:
+def test_joint_states_of_ros2_control_that_do_not_fit(tmp_path: Path) -> None:
     for interface, source, words in (
         ("position", "joint_states", "-p knee.source:=dynamic_joint_states reads those"),
         (
@@ -378,7 +378,7 @@ def test_forces_that_need_more_numbers_are_refused() -> None:
         )
 
 
-def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> None:
+def test_another_body_replaces_one_that_is_gone(tmp_path: Path) -> None:
     """Two bodies at once: the first is followed, and the other one refused, until it is gone for pairing.max_gap."""
     mcap = Mcap(tmp_path / "bag.mcap")
     kind = "sensor_msgs/msg/JointState"

@@ -17,7 +17,6 @@ from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
@@ -31,6 +30,7 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES, typestore
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import Mcap, raw_messages, write_rosbag2
+from tests.helpers.commands import run
 from tests.helpers.offline import solve
 
 STEP = 5_000_000
@@ -122,7 +122,7 @@ SET_BACK = [
         *((form, *SET_BACK[1]) for form in ("sqlite3", "split")),
     ],
 )
-def test_time_that_goes_back_makes_runs_of_their_own_as_live(
+def test_a_clock_that_is_set_back_begins_a_run_as_live(
     gait: list[RawMessage], tmp_path: Path, form: str, of: str, back: int, resets: int
 ) -> None:
     """The clock of all topics, or of one, is set back: by a sample, within and beyond what was recorded."""
@@ -142,9 +142,7 @@ def test_time_that_goes_back_makes_runs_of_their_own_as_live(
     assert (len(status), np.count_nonzero(status & Status.TIME_RESET)) == (len(expected), resets)
 
 
-def test_runs_of_a_recording_stay_in_their_order_also_in_the_pause_between_others(
-    gait: list[RawMessage], tmp_path: Path
-) -> None:
+def test_runs_of_a_recording_keep_their_order(gait: list[RawMessage], tmp_path: Path) -> None:
     recording = tmp_path / "recording.mcap"
     expected = live(
         [moved(message, at * 10**9) for at in (0, 100, 50) for message in gait], recording
@@ -156,12 +154,12 @@ def test_runs_of_a_recording_stay_in_their_order_also_in_the_pause_between_other
     ]
 
 
-def test_a_loop_is_as_many_runs_in_table_and_results(
+def test_a_loop_has_a_run_for_each_round(
     gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording = tmp_path / "loop.mcap"
     once = len(live([*gait, *gait, *gait], recording)) // 3
-    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 0
+    assert run(f"solve {recording} --output {tmp_path}/out.mcap") == 0
     out, err = capsys.readouterr()
     assert (
         "the answers are of 3 runs: each begins at rest (TIME_RESET), where stamps went back"
@@ -210,7 +208,7 @@ UNORDERED = {
 
 
 @pytest.mark.parametrize("case", UNORDERED)
-def test_what_was_written_late_or_elsewhere_comes_in_its_place(
+def test_late_messages_are_read_in_order(
     gait: list[RawMessage], tmp_path: Path, case: str
 ) -> None:
     bag = split(tmp_path / "in", UNORDERED[case](gait))
@@ -371,17 +369,17 @@ TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
 
 
 @pytest.mark.parametrize("case", TOLD)
-def test_what_is_wrong_with_a_bag_is_told_in_one_line(
+def test_faults_of_a_bag_are_reported_in_one_line(
     gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
 ) -> None:
     make, code, words = TOLD[case]
     bag = make(tmp_path / "in.mcap", gait)
-    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == code
+    assert run(f"solve {bag} --output {tmp_path}/out.mcap") == code
     assert re.search(words, capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("case", ["publishers that agree", "no frame at first"])
-def test_what_is_right_is_not_told(
+def test_no_report_without_a_fault(
     gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
 ) -> None:
     angles = states(gait, lambda one: one)
@@ -392,6 +390,6 @@ def test_what_is_right_is_not_told(
     else:
         messages = in_order(angles, framed(gait, lambda number: "tibia_r" if number else ""))
     bag = mcap(tmp_path / "in.mcap", messages)
-    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == 0
+    assert run(f"solve {bag} --output {tmp_path}/out.mcap") == 0
     assert not capsys.readouterr().err
     assert len(read_answers(tmp_path / "out.mcap")) == 387

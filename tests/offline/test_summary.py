@@ -10,7 +10,7 @@ from knee_contact_ros.model.types import blank_answers
 from knee_contact_ros.offline.summary import Summary
 
 
-def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
+def test_peaks_do_not_depend_on_the_blocks(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     rows = blank_answers(40_000)
@@ -53,7 +53,7 @@ def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str
     assert max(map(len, told.splitlines())) <= 80
 
 
-def test_no_moment_is_told_for_largest_values_of_different_moments(
+def test_largest_values_of_different_moments_have_no_moment(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     rows = blank_answers(3)

@@ -134,7 +134,7 @@ def stamped(log_time: int, stamp: int) -> RawMessage:
     return RawMessage("/a", log_time, data)
 
 
-def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_left_out(
+def test_equal_log_times_are_paced_by_the_stamps(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A recorder that waited for /clock: log times of 0, then those of today; and a clock that is set back later."""
@@ -152,7 +152,7 @@ def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_le
     assert told == [BEGIN // 10**9, 87_400]
 
 
-def test_lateness_is_counted_and_told() -> None:
+def test_lateness_is_counted_and_printed() -> None:
     lateness = Lateness()
     for seconds in (0.0, 0.0005, 0.0021, None, 0.0001, 0.0002, 0.0003):
         lateness.count_message(seconds)
