@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.node.output_process import step_back
+from knee_contact_ros.node.output_process import lower_priority
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -128,7 +128,7 @@ def prepared() -> tuple[bytes, bytes]:
 
 def busy(work: float, period: float, niceness: int) -> None:
     """Work as an output's process does, without an output; see `LOADS`."""
-    step_back(niceness)
+    lower_priority(niceness)
     memory = bytearray(1 << 18)
     while True:
         end = time.thread_time() + work

@@ -61,7 +61,7 @@ COUNTED = answer_struct("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""
 ANSWER_CHECK_PERIOD = 0.97
 """Time [s] between two searches for implausible answers; see `session.ANGLE_CHECK_PERIOD`"""
-_LIVE = frozenset(
+_CHANGEABLE = frozenset(
     {
         "knee.flexion_offset",
         "load.share",
@@ -82,7 +82,9 @@ _LIVE = frozenset(
         "record.path",
     }
 )
-LIVE = _LIVE | {LATERAL_PREFIX + name for name in _LIVE if name.startswith(("femur.", "contact."))}
+CHANGEABLE = _CHANGEABLE | {
+    LATERAL_PREFIX + name for name in _CHANGEABLE if name.startswith(("femur.", "contact."))
+}
 """Parameters that may change while the node is configured: numbers of the model and of its inputs, and the
 name of the next recording. They take effect between two ticks."""
 
@@ -107,7 +109,7 @@ class ContactHealth(Health):
             return
         compartments = self._contacts.compartments
         for number, compartment in enumerate(compartments):
-            compartment.doubts.add_all(rows[number :: len(compartments)])
+            compartment.doubts.add_answers(rows[number :: len(compartments)])
 
     def load_entries(self) -> list[Entry]:
         """Entries for load (with split where that varies, and deviation) and flexion; problems are logged."""
@@ -243,9 +245,9 @@ class ContactSession(Session):
         with interrupting():
             self.pipeline.compile_model()
 
-    def stop(self) -> None:
+    def stop_listening(self) -> None:
         """Close the inputs, answer waiting samples, and stop showing markers."""
-        super().stop()
+        super().stop_listening()
         self._markers.newest = None
 
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
@@ -270,7 +272,7 @@ class ContactSession(Session):
         self._publish_wrench(answer.wrench)
         latency = end - answer.pair.load.arrived
         rows = answer.rows_with_latency(latency)
-        self.outputs.put(TickOutput.of(rows, self._leg.records_with_leg(answer)))
+        self.outputs.put_item(TickOutput.of(rows, self._leg.records_with_leg(answer)))
         self._markers.newest = answer
         self._strides.add_answer(answer)
         self.health.rows.append(rows)
@@ -280,4 +282,4 @@ class ContactSession(Session):
         self.health.counts.count_answer(levels[-1], status, end - begin, latency, deadline)
 
 
-CONTACT_NODE = NodeKind(Parameters, LIVE, ContactSession)
+CONTACT_NODE = NodeKind(Parameters, CHANGEABLE, ContactSession)

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from knee_contact_ros.model.types import UNUSABLE, Fidelity, Status
 from knee_contact_ros.node.inputs import Input, Inputs
-from knee_contact_ros.node.outputs import WORTH_A_WARNING, Outputs
+from knee_contact_ros.node.outputs import WARNING_FILL, Outputs
 from knee_contact_ros.node.problems import (
     ERROR,
     LOG_PERIOD,
@@ -125,7 +125,7 @@ class Health:
         self._reported: dict[str, int] = {}  # totals at the last report
         self._warned: dict[str, float] = {}  # monotonic times [s] of the last warnings
 
-    def report(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
+    def report_diagnostics(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
         """Report what has happened since the last report, inputs first; silent inputs are logged."""
         self._log_silence(inputs)
         angles, forces = inputs
@@ -141,7 +141,7 @@ class Health:
             *self.load_entries(),
         ]
         for name, sink in outputs.sinks.items():
-            values, text, lost = sink.report()
+            values, text, lost = sink.report_state()
             entries.append((name, values, (ERROR, text) if lost else warning_of(text)))
         status = [
             DiagnosticStatus(
@@ -217,7 +217,7 @@ class Health:
             problems.append(f"{off_time} stamps fit neither the sample before nor the other topic")
         if abs(lead) > self.parameters.pairing.max_gap:
             problems.append(self._lead_problem(lead))
-        if full >= 100.0 * WORTH_A_WARNING:
+        if full >= 100.0 * WARNING_FILL:
             problems.append(f"{full:.0f} % of pairing.queue wait for the other topic")
         level, text = warning_of(*problems)
         self.warn("pairing", text, LOG_PERIOD)
@@ -278,7 +278,7 @@ class Health:
 
     def _input_entry(self, stream: Input, conflict: PublisherConflict, joint: str = "") -> Entry:
         """Entry for an input; publishers that disagree are logged."""
-        values, problem = stream.meter.report()
+        values, problem = stream.meter.report_rate()
         publishers = stream.publishers
         several = f"{publishers} publishers" if publishers > 1 else ""
         sentence = conflict.sentence(several, joint)

@@ -40,9 +40,9 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import installed_share
 from knee_contact_ros.system.ros import resolve_topic
 
-LOOK_PERIOD = 1.0
+SEARCH_PERIOD = 1.0
 """Time [s] between two searches for topics that match a pattern"""
-DEPTH = 1000
+INPUT_DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""
 
 
@@ -55,7 +55,7 @@ class HandOver:
         self.source: TopicSource | None = None
         """Source of the giving node's messages"""
 
-    def give(self, data: bytes) -> None:
+    def give_message(self, data: bytes) -> None:
         """Hand over a message, if the other node listens."""
         if self.taker:
             self.taker(data)
@@ -94,9 +94,9 @@ class InputMeter:
         )
         self.received = 0
         """Number of messages that have come"""
-        self.begin()
+        self.restart()
 
-    def begin(self) -> None:
+    def restart(self) -> None:
         """Start to measure; the time before counts neither for the rate nor as silence."""
         self.last = self._reported = time.monotonic()
         self._pauses: list[float] = []  # [s] before each message since the last report
@@ -112,7 +112,7 @@ class InputMeter:
         if stamp is not None:
             self._ages.append(time.time() - 1e-9 * stamp)
 
-    def report(self) -> tuple[dict[str, str], Problem]:
+    def report_rate(self) -> tuple[dict[str, str], Problem]:
         """Values for the time since the last report, and what is wrong."""
         now, number = time.monotonic(), len(self._pauses)
         age, rate = now - self.last, number / max(now - self._reported, 1e-9)
@@ -170,7 +170,7 @@ class Input:
         self.topic, self.meter, self.handed = topic, meter, handed
         self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
         self._subscriptions: dict[str, Any] = {}  # by topic
-        self._best_effort, self._unheard = (
+        self._best_effort, self._incompatible = (
             set[str](),
             set[str](),
         )  # topics; the latter with a publisher we do not hear
@@ -183,7 +183,7 @@ class Input:
         )
         self._decided_by_user = given in qos_given
 
-    def open(self) -> None:
+    def start_listening(self) -> None:
         """Subscribe, or begin to look for topics or to take what is handed over."""
         if self.handed:
             self.handed.taker = self._on_message
@@ -205,9 +205,9 @@ class Input:
         self._subscriptions[topic] = self._node.create_subscription(
             self._type,
             topic,
-            self._on_other_message if self._convert else self._on_message,
+            self._on_foreign_message if self._convert else self._on_message,
             QoSProfile(
-                depth=DEPTH,
+                depth=INPUT_DEPTH,
                 reliability=ReliabilityPolicy.BEST_EFFORT
                 if best_effort
                 else ReliabilityPolicy.RELIABLE,
@@ -219,17 +219,17 @@ class Input:
             qos_overriding_options=QoSOverridingOptions([] if self._matches else left),
         )
 
-    def _leave(self, topic: str) -> None:
+    def _unsubscribe(self, topic: str) -> None:
         self._node.destroy_subscription(self._subscriptions.pop(topic))
 
-    def close(self) -> None:
+    def stop_listening(self) -> None:
         """Stop taking messages."""
         if self.handed:
             self.handed.taker = None
         self._due = math.inf
-        self._unheard.clear()
+        self._incompatible.clear()
         for topic in list(self._subscriptions):
-            self._leave(topic)
+            self._unsubscribe(topic)
 
     @property
     def reliability(self) -> str:
@@ -250,29 +250,29 @@ class Input:
             else sum(each.get_publisher_count() for each in self._subscriptions.values())
         )
 
-    def adapt(self) -> None:
+    def adapt_reliability(self) -> None:
         """Subscribe as best effort if a publisher could not be received; look for topics once a second.
 
         Do not call it from the subscription's own callbacks.
         """
-        for topic in self._unheard - self._best_effort:
+        for topic in self._incompatible - self._best_effort:
             name = self._node.resolve_topic_name(topic)
             if self._decided_by_user:
                 text = f"a publisher of {name} cannot be heard: its QoS does not fit the override"
                 self._node.get_logger().warning(text)
                 continue
             self._best_effort.add(topic)
-            self._leave(topic)
+            self._unsubscribe(topic)
             self._subscribe(topic)
             self._node.get_logger().info(
                 f"a publisher of {name} is best effort; the node listens in the same way"
             )
-        self._unheard.clear()
+        self._incompatible.clear()
         if time.monotonic() >= self._due:
-            self._due = time.monotonic() + LOOK_PERIOD
-            self._look()
+            self._due = time.monotonic() + SEARCH_PERIOD
+            self._search_topics()
 
-    def _look(self) -> None:
+    def _search_topics(self) -> None:
         """Subscribe to new topics that match, and unsubscribe from those that are gone."""
         pattern = resolve_topic(self._node, self.topic)
         kind = f"{self._type.__module__.split('.')[0]}/msg/{self._type.__name__}"
@@ -282,7 +282,7 @@ class Input:
             if kind in types and fnmatchcase(name, pattern) and self._node.count_publishers(name)
         }
         for name in self._subscriptions.keys() - topics:
-            self._leave(name)
+            self._unsubscribe(name)
         for name in sorted(topics - self._subscriptions.keys()):
             self._node.get_logger().info(f"listening to {name}")
             self._subscribe(name)
@@ -290,13 +290,13 @@ class Input:
     def _on_message(self, data: bytes) -> None:
         self.meter.count_message(self._on_data(data))
 
-    def _on_other_message(self, data: bytes) -> None:
+    def _on_foreign_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)
         self._on_message(self._convert(data, time.time_ns()))  # the events executor gives no times
 
     def _on_incompatible_qos(self, topic: str, event: Any) -> None:
         if event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user:
-            self._unheard.add(topic)
+            self._incompatible.add(topic)
 
 
 def message_class(source: TopicSource, by: str) -> type:
@@ -390,14 +390,14 @@ class StaticTransformTopic:
             TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True
         )
 
-    def close(self) -> None:
+    def withdraw(self) -> None:
         """Close publisher and subscription."""
         self._node.destroy_publisher(self._publisher)  # which does nothing without one
         self._node.destroy_subscription(self._subscription)
 
     def _on_transforms(self, data: bytes) -> None:
         try:
-            problems = self._frame.learn(decode_transforms(data))
+            problems = self._frame.add_transforms(decode_transforms(data))
         except ValueError as error:
             problems = [str(error)]
         if problems:

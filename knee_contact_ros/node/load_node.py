@@ -33,7 +33,7 @@ from knee_contact_ros.streams.topics import (
     TickOutput,
 )
 
-LIVE = frozenset(
+CHANGEABLE = frozenset(
     {
         "person.mass",
         "person.height",
@@ -102,14 +102,16 @@ class LoadSession(Session):
 
     def _on_joint_state(self, data: bytes) -> int | None:
         try:
-            self._takers.angles.give(data)
+            self._takers.angles.give_message(data)
         finally:  # a failure there is reported, and no reason to lose the message here
             stamp = super()._on_joint_state(data)
         return stamp
 
     def _publish(self, answer: LoadAnswer, begin: float) -> None:
         try:
-            self._takers.forces.give(answer.reaction)  # the contact is what somebody waits for
+            self._takers.forces.give_message(
+                answer.reaction
+            )  # the contact is what somebody waits for
         finally:
             self._publish_estimate(answer, begin)
 
@@ -118,7 +120,7 @@ class LoadSession(Session):
         self._publishers[JOINT_REACTION_FORCE].publish(answer.reaction)
         end = time.perf_counter()
         self._publishers[LOAD_ESTIMATE].publish(answer.message)
-        self.outputs.put(TickOutput.of(b"", answer.records()))
+        self.outputs.put_item(TickOutput.of(b"", answer.records()))
         latency = end - answer.pair.load.arrived
         level = int(answer.estimate.level)
         status = answer.estimate.status
@@ -126,7 +128,7 @@ class LoadSession(Session):
         self.health.counts.count_answer(level, status, end - begin, latency, deadline)
 
 
-LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)
+LOAD_NODE = NodeKind(LoadParameters, CHANGEABLE, LoadSession)
 
 
 def load_and_contact() -> tuple[NodeKind, NodeKind]:

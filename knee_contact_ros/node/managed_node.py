@@ -20,7 +20,7 @@ from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.node.parameters import PREFIX, NodeKind, NodeParameters, given_by_user
+from knee_contact_ros.node.parameters import QOS_PREFIX, NodeKind, NodeParameters, given_by_user
 from knee_contact_ros.node.problems import at_most_every
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file, check_used
@@ -70,7 +70,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             UsageError: the value is none for this policy.
         """
-        if name.startswith(PREFIX):
+        if name.startswith(QOS_PREFIX):
             self._qos.add(name)
             value, kind = (
                 self.get_parameter_or(name).value,
@@ -108,12 +108,12 @@ class ManagedNode(LifecycleNode):
         """
         try:
             self.session = self.kind.session(
-                self, self.node_parameters.read(), given_by_user(self)
+                self, self.node_parameters.read_parameters(), given_by_user(self)
             )
             self.session.prepare(self._stop.interrupting)
             self.node_parameters.user = self.session
         except BaseException:
-            self.finish()
+            self.finish_session()
             raise
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -133,7 +133,7 @@ class ManagedNode(LifecycleNode):
         result = super().on_activate(state)
         if self.session:
             try:
-                self.session.start()
+                self.session.start_listening()
             except Exception as error:  # rclpy has many kinds
                 self.get_logger().error(
                     f"cannot listen: {' '.join(str(error).split()) or repr(error)}"
@@ -155,32 +155,32 @@ class ManagedNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the inputs; answer waiting samples."""
         if self.session:
-            self.session.stop()
+            self.session.stop_listening()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the outputs; all parameters may change again."""
-        self.finish()
+        self.finish_session()
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the inputs and the outputs."""
-        self.finish()
+        self.finish_session()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Close the outputs; afterwards the node is unconfigured and can be configured again."""
         self.get_logger().error("a transition has failed; the node is unconfigured")
-        self.finish()
+        self.finish_session()
         return super().on_error(state)
 
-    def finish(self) -> None:
+    def finish_session(self) -> None:
         """End the session, if there is one: answer waiting samples, complete the files."""
         session, self.session = self.session, None
         self.node_parameters.user = None
         if session:
-            session.stop()
-            self.complete &= session.close()
+            session.stop_listening()
+            self.complete &= session.complete_files()
             session.destroy_endpoints()
             self.get_logger().info(
                 f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused"
@@ -232,12 +232,12 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
                     nodes.append(ManagedNode(kind, stop))
         check_names(nodes)
         check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
-        start([node for node in nodes if node.node_parameters.read().autostart])
+        start_nodes([node for node in nodes if node.node_parameters.read_parameters().autostart])
         executor = make_executor(*nodes)
         while not stop.requested:
             spin(executor, nodes[0])
     finally:
-        finish(nodes)  # recordings are completed, whatever has happened
+        finish_nodes(nodes)  # recordings are completed, whatever has happened
         rclpy.shutdown()
     return 0 if all(node.complete for node in nodes) else 1
 
@@ -253,12 +253,12 @@ def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
         ) from None
 
 
-def finish(nodes: Sequence[ManagedNode]) -> None:
+def finish_nodes(nodes: Sequence[ManagedNode]) -> None:
     """End nodes: first tell all outputs to end, then wait for them."""
     for session in [node.session for node in nodes if node.session]:
-        session.end()
+        session.request_end()
     for node in nodes:
-        node.finish()
+        node.finish_session()
         node.destroy_node()
 
 
@@ -312,7 +312,7 @@ def spin(executor: Executor, node: ManagedNode) -> None:
         node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
 
 
-def start(nodes: Sequence[ManagedNode]) -> None:
+def start_nodes(nodes: Sequence[ManagedNode]) -> None:
     """Configure the nodes, and activate them when all are ready; a signal to stop ends this early.
 
     Raises:

@@ -23,7 +23,7 @@ from knee_contact_ros.system.errors import UsageError
 
 SWITCH_PERIOD = 1e-4
 """Longest time [s] for which a computing thread keeps the interpreter from the receiving thread"""
-LOOK_PERIOD = 1.0
+REPORT_PERIOD = 1.0
 """Time [s] between two checks whether the output must end, and between two reports"""
 SET_ATTRIBUTES = {"x86_64": 314, "aarch64": 274}
 """Number of Linux's system call `sched_setattr`, by machine"""
@@ -31,7 +31,7 @@ SLICE = 100_000_000
 """Requested time slice of a processor [ns], the longest one allowed"""
 
 
-def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
+def write_output(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
     """Open an output and write what is sent until the end, flushed in time; return False if it has failed."""
     output, written = None, 0
 
@@ -42,27 +42,27 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
     try:
         output = import_module(module).open_output(*arguments)
         report(OPEN)
-        flush_at = look_at = (
+        flush_at = report_at = (
             0.0  # monotonic times [s]; what opening has written is flushed at once
         )
         sent: Any = ()
         unflushed = True
         while not isinstance(sent, Ending | None):
-            wake_at = min(flush_at, look_at) if unflushed else look_at
+            wake_at = min(flush_at, report_at) if unflushed else report_at
             if connection.poll(max(wake_at - time.monotonic(), 0.0)):
-                sent, unflushed = received(connection), True
+                sent, unflushed = receive_item(connection), True
                 if isinstance(sent, Note):
                     output.note(*sent)
                 elif isinstance(sent, list):
                     output.write(sent)
                     written += len(sent)
             now = time.monotonic()
-            if now >= flush_at and (unflushed or now >= look_at):
+            if now >= flush_at and (unflushed or now >= report_at):
                 output.flush()
                 flush_at, unflushed = now + output.period, False
-            if now >= look_at:
+            if now >= report_at:
                 report(OPEN, news=output.news())
-                look_at = now + LOOK_PERIOD
+                report_at = now + REPORT_PERIOD
         output.finish(sent)
         report(ENDED, news=output.news())
     except UsageError as error:
@@ -76,7 +76,7 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
     return True
 
 
-def received(connection: Connection) -> Any:
+def receive_item(connection: Connection) -> Any:
     """The next item; None if the node is gone."""
     try:
         return connection.recv()
@@ -84,7 +84,7 @@ def received(connection: Connection) -> Any:
         return None
 
 
-def step_back(niceness: int) -> None:
+def lower_priority(niceness: int) -> None:
     """Give way to the node's process, and ignore signals that end a process: only the node ends this one.
 
     `niceness` is added to the node's. At 0 the process gets its share of a busy machine, but interrupts no other.
@@ -106,11 +106,11 @@ def step_back(niceness: int) -> None:
 
 def main() -> None:
     """Work on the socket whose number the command line names first, with the niceness that it names second."""
-    step_back(int(sys.argv[2]))
+    lower_priority(int(sys.argv[2]))
     sys.setswitchinterval(SWITCH_PERIOD)
     with Connection(int(sys.argv[1])) as connection:
-        asked = received(connection)
-        well = not asked or work(connection, *asked)
+        asked = receive_item(connection)
+        well = not asked or write_output(connection, *asked)
     if not well:
         os._exit(
             1

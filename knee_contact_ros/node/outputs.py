@@ -49,14 +49,15 @@ ANSWER_SIZE, RECORD_SIZE = 450, 150
 """Memory [B] that an answer takes, and that each of its records takes beyond the message"""
 START, PATIENCE = 180.0, 3.0
 """Longest times [s] to wait until an output is open, and until it is complete, so that a node ends within 5 s"""
-WORTH_A_WARNING = 0.25
+WARNING_FILL = 0.25
 """Fill of a queue, from 0 to 1, from which `/diagnostics` warns"""
 
 
 class SinkProcess:
-    """Hands answers to a process that keeps them; `put` never waits, and no fault of that process affects the node.
+    """Hands answers to a process that keeps them.
 
-    The constructor only starts the process: answers are accepted immediately, and the `state` is known later.
+    `put_item` never waits, and no fault of that process affects the node. The constructor only
+    starts the process: answers are accepted immediately, and the `state` is known later.
     """
 
     def __init__(self, sink: Sink, log: Any) -> None:
@@ -85,7 +86,7 @@ class SinkProcess:
         self._thread = threading.Thread(target=self._run, name="feeder", daemon=True)
         self._thread.start()
 
-    def put(self, item: TickOutput | Note) -> None:
+    def put_item(self, item: TickOutput | Note) -> None:
         """Hand over an answer, or a note between two of them; never waits. Not to be called from two threads."""
         if self._closed:
             return
@@ -102,7 +103,7 @@ class SinkProcess:
         """Number of answers that do not reach the output."""
         return self._refused + self._lost
 
-    def report(self) -> tuple[dict[str, str], str, bool]:
+    def report_state(self) -> tuple[dict[str, str], str, bool]:
         """Values for `/diagnostics`, what is wrong (empty if nothing is), and whether answers are lost by that."""
         fill, process = self._fill(), str(self.process.pid) if self.process else "none"
         values = {
@@ -114,7 +115,7 @@ class SinkProcess:
         wrong = self.failure or (f"{self.label}: {self._too_many()}" if self.dropped else "")
         late = (
             f"{self.label} is behind: {100.0 * fill:.0f} % of its queue is full"
-            if fill >= WORTH_A_WARNING
+            if fill >= WARNING_FILL
             else ""
         )
         return values, wrong or late, bool(wrong)
@@ -128,15 +129,15 @@ class SinkProcess:
         if not self._known.wait(START):
             self._fail(f"{self.label}: its process has not started within {START:g} s")
 
-    def end(self, ending: Ending) -> None:
+    def request_end(self, ending: Ending) -> None:
         """Request that the output completes, without waiting; later answers are ignored."""
         if not self._closed:
             self._closed = True
             self._waiting.append(ending)
             self._wake.set()
 
-    def wait(self, deadline: float) -> bool:
-        """Wait until the deadline [s, monotonic] for the output to be complete, after `end`.
+    def wait_until_complete(self, deadline: float) -> bool:
+        """Wait until the deadline [s, monotonic] for the output to be complete, after `request_end`.
 
         A process that needs longer completes by itself with what it received; return False if there was more, or if
         the output has failed although it allows no gaps.
@@ -274,7 +275,7 @@ def size_of(item: Any) -> int:
 
 
 RECORDER = "recorder"
-MOST_ENDING = 4
+MAX_ENDING = 4
 """Largest number of recordings being completed at a time, each a process"""
 
 
@@ -290,7 +291,7 @@ class Ring:
         self._items: deque[tuple[int, TickOutput | Note]] = deque()
         self._now = self._last = self._size = 0
 
-    def put(self, item: TickOutput | Note) -> None:
+    def put_item(self, item: TickOutput | Note) -> None:
         """Keep an item, and forget what is too old.
 
         Answers before a change of parameters are forgotten, since a recording begins with one set of parameters.
@@ -315,7 +316,7 @@ class Ring:
         ):
             self._size -= size_of(items.popleft()[1])
 
-    def taken(self) -> tuple[list[TickOutput | Note], float]:
+    def kept_items(self) -> tuple[list[TickOutput | Note], float]:
         """The kept items, oldest first, and the time [s] from the first answer to the last."""
         times = [at for at, item in self._items if isinstance(item, TickOutput)]
         return [item for _, item in self._items], (
@@ -324,7 +325,7 @@ class Ring:
 
 
 class Outputs:
-    """Hands answers to the outputs: each is a process of its own, and nothing here waits except `close`."""
+    """Hands answers to the outputs: each is a process of its own, and nothing here waits except `complete_files`."""
 
     def __init__(self, knee: RecordedKnee, log: Any) -> None:
         """Start all outputs that the parameters ask for; `log` is a logger (see `SinkProcess`).
@@ -339,7 +340,7 @@ class Outputs:
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed, or have failed"""
         self._deadline = math.inf
-        """Monotonic time [s] until which `close` waits for the outputs, after `end`"""
+        """Monotonic time [s] until which `complete_files` waits for the outputs, after `request_end`"""
         self.sinks: dict[str, SinkProcess] = {}
         """Outputs by their titles"""
         fields = type(knee.parameters).model_fields.items()
@@ -354,11 +355,11 @@ class Outputs:
         for sink in self.sinks.values():
             sink.wait_until_known()
 
-    def put(self, item: TickOutput | Note) -> None:
+    def put_item(self, item: TickOutput | Note) -> None:
         """Hand an answer, or a note between two of them, to all outputs."""
-        self.ring.put(item)
+        self.ring.put_item(item)
         for sink in self.sinks.values():
-            sink.put(item)
+            sink.put_item(item)
 
     def start_recording(self, knee: RecordedKnee) -> Path:
         """Start a recording with the next answer, and return the name of its file.
@@ -387,8 +388,8 @@ class Outputs:
             knee, sum(item.size for item in items if isinstance(item, TickOutput))
         )
         for item in items:
-            recording.put(item)
-        recording.end(Ending((), {}))
+            recording.put_item(item)
+        recording.request_end(Ending((), {}))
         self._ending.append(recording)
 
     def _recording(self, knee: RecordedKnee, size: int = 0) -> SinkProcess:
@@ -399,7 +400,7 @@ class Outputs:
             sink.name for sink in self._ending if sink.state == STARTING and not sink.failure
         ]:
             raise UsageError(f"{starting[0]} is not open yet; try again")
-        if (number := sum(not sink.is_over() for sink in self._ending)) >= MOST_ENDING:
+        if (number := sum(not sink.is_over() for sink in self._ending)) >= MAX_ENDING:
             raise UsageError(
                 f"{number} recordings are still being completed; try again when one is complete"
             )
@@ -416,25 +417,28 @@ class Outputs:
         """
         if (recording := self.sinks.pop(RECORDER, None)) is None:
             raise UsageError("nothing is being recorded")
-        recording.end(ending)
+        recording.request_end(ending)
         self._ending.append(recording)
         if recording.failure:
             raise UsageError(recording.failure)
         return recording.name
 
-    def end(self, ending: Ending) -> None:
+    def request_end(self, ending: Ending) -> None:
         """Request that all files complete, without waiting."""
         self._deadline = min(self._deadline, time.monotonic() + PATIENCE)
         for sink in [*self._ending, *self.sinks.values()]:
-            sink.end(ending)
+            sink.request_end(ending)
 
-    def close(self, ending: Ending) -> bool:
+    def complete_files(self, ending: Ending) -> bool:
         """Complete all files, and return whether all answers have reached them.
 
-        Waits for at most `PATIENCE`, counted from `end` if that was called before.
+        Waits for at most `PATIENCE`, counted from `request_end` if that was called before.
         """
-        self.end(ending)
-        complete = [sink.wait(self._deadline) for sink in [*self._ending, *self.sinks.values()]]
+        self.request_end(ending)
+        complete = [
+            sink.wait_until_complete(self._deadline)
+            for sink in [*self._ending, *self.sinks.values()]
+        ]
         return all(complete)
 
 

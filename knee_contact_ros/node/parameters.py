@@ -34,9 +34,9 @@ class NodeKind(NamedTuple):
     """Makes the session of a node from its parameters and the names of the QoS overrides that the user has given"""
 
 
-LARGEST_INTEGER = 2**63 - 1
+MAX_INTEGER = 2**63 - 1
 """Largest integer that a parameter can hold"""
-PREFIX = "qos_overrides."
+QOS_PREFIX = "qos_overrides."
 
 
 def described(name: str, declaration: Declaration) -> ParameterDescriptor:
@@ -52,7 +52,7 @@ def described(name: str, declaration: Declaration) -> ParameterDescriptor:
             FloatingPointRange(from_value=declaration.least, to_value=declaration.most)
         ]
     elif type(declaration.default) is int:
-        most = int(min(declaration.most, LARGEST_INTEGER))
+        most = int(min(declaration.most, MAX_INTEGER))
         descriptor.integer_range = [IntegerRange(from_value=int(declaration.least), to_value=most)]
     return descriptor
 
@@ -84,7 +84,7 @@ class NodeParameters:
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 
-    def read(self) -> Any:
+    def read_parameters(self) -> Any:
         """Current parameters, in the schema of the kind of node."""
         return load_parameters(self._values(), self._kind.schema)
 
@@ -126,7 +126,7 @@ class NodeParameters:
 
         New QoS overrides in that state are declared by rclpy itself.
         """
-        if name.startswith(PREFIX):
+        if name.startswith(QOS_PREFIX):
             return bool(self._node.has_parameter(name))
         return name in self._known and name not in self._kind.live
 
@@ -135,7 +135,7 @@ class NodeParameters:
             name: value for name, value in self._new(changes).items() if name in self._kind.live
         }
         if self.user and ours:
-            self.user.retune(self.read(), ours)
+            self.user.retune(self.read_parameters(), ours)
 
 
 def same(one: Any, other: Any) -> bool:
@@ -147,5 +147,5 @@ def same(one: Any, other: Any) -> bool:
 
 def given_by_user(node: Node) -> frozenset[str]:
     """Names of the QoS overrides that the user has given; rclpy declares the others itself, as read-only."""
-    names = [PREFIX + name for name in node.get_parameters_by_prefix(PREFIX.rstrip("."))]
+    names = [QOS_PREFIX + name for name in node.get_parameters_by_prefix(QOS_PREFIX.rstrip("."))]
     return frozenset(name for name in names if not node.describe_parameter(name).read_only)

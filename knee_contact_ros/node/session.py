@@ -176,7 +176,7 @@ class Session(ABC):
             self.destroy_endpoints()
             raise
 
-    def start(self) -> None:
+    def start_listening(self) -> None:
         """Open the inputs and the timers."""
         # Freeze what exists: the collector stays off in ticks, whose garbage has no cycles, and a timer collects.
         gc.unfreeze()  # what an earlier session has left while another one streams
@@ -187,8 +187,8 @@ class Session(ABC):
         if self.pipeline.ticks:  # it was active before, and time may have gone anywhere since
             self._reset()
         for stream in self.inputs:
-            stream.meter.begin()
-            stream.open()
+            stream.meter.restart()
+            stream.start_listening()
         self.health.counts.start_timer()
         for period, act in self._regular_acts:
             self._timers.append(self.node.create_timer(period, act, clock=STEADY))
@@ -198,18 +198,18 @@ class Session(ABC):
         """Time [s] between two checks for late angles."""
         return float(max(0.25 * self.parameters.pairing.wait, 0.01))
 
-    def stop(self) -> None:
+    def stop_listening(self) -> None:
         """Close the inputs and the timers; answer waiting samples."""
         if self._timers:
             self._answer_all()
             self.pipeline.synchroniser.clear_angles()
-            self.pipeline.frame.forget()
+            self.pipeline.frame.forget_frame()
         self.streaming.discard(self)
         if not self.streaming:
             gc.enable()
             gc.unfreeze()
         for stream in self.inputs:
-            stream.close()
+            stream.stop_listening()
         for timer in self._timers:
             self.node.destroy_timer(timer)
         self._timers = []
@@ -218,20 +218,22 @@ class Session(ABC):
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
         self.parameters = self.health.parameters = parameters
         self.pipeline.retune(parameters)
-        self.outputs.put(Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes)))
+        self.outputs.put_item(
+            Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
+        )
 
-    def end(self) -> None:
+    def request_end(self) -> None:
         """Stop, and request that the files complete, without waiting."""
-        self.stop()
-        self.outputs.end(self.pipeline.ending())
+        self.stop_listening()
+        self.outputs.request_end(self.pipeline.ending())
 
-    def close(self) -> bool:
+    def complete_files(self) -> bool:
         """Complete the files, and return whether that worked for all of them."""
-        return self.outputs.close(self.pipeline.ending())
+        return self.outputs.complete_files(self.pipeline.ending())
 
     def destroy_endpoints(self) -> None:
         """Withdraw topics and services."""
-        self._transforms.close()
+        self._transforms.withdraw()
         for service in self._services:
             self.node.destroy_service(service)
         for publisher in self._publishers.values():
@@ -249,7 +251,7 @@ class Session(ABC):
             note = self.pipeline.frame.take_turn_note()
             text = f"forces are turned from {note['from']} to {note['to']}"
             self.node.get_logger().info(text, **at_most_every(LOG_PERIOD))
-            self.outputs.put(Note(FORCE_TURNED, note))
+            self.outputs.put_item(Note(FORCE_TURNED, note))
         self._publish_all(answers)
         return self.pipeline.message_stamp
 
@@ -278,7 +280,7 @@ class Session(ABC):
     def _reset(self) -> str:
         self._answer_all()
         self.pipeline.reset()
-        self.outputs.put(Note(RESET, {TICK: str(self.pipeline.ticks)}))
+        self.outputs.put_item(Note(RESET, {TICK: str(self.pipeline.ticks)}))
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:
@@ -289,7 +291,7 @@ class Session(ABC):
         return f"{path} will be complete in a moment"
 
     def _save_snapshot(self) -> str:
-        items, duration = self.outputs.ring.taken()
+        items, duration = self.outputs.ring.kept_items()
         answers = sum(isinstance(item, TickOutput) for item in items)
         if not answers:
             raise UsageError(
@@ -320,7 +322,7 @@ class Session(ABC):
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
         for stream in self.inputs:
-            stream.adapt()
+            stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through
 
     def _publish_all(self, answers: Iterator[Any]) -> None:
@@ -335,5 +337,5 @@ class Session(ABC):
             self.pipeline.last_refusal = ""
 
     def _publish_diagnostics(self) -> None:
-        report = self.health.report(self.inputs, self.outputs)
+        report = self.health.report_diagnostics(self.inputs, self.outputs)
         self._publishers[DIAGNOSTICS].publish(report)

@@ -55,7 +55,7 @@ class StrideTopic:
             rows = np.frombuffer(b"".join(self._rows), ROW)
             self._rows = []
             now = int(rows["stamp"][-1])
-            for stride in self._strides.add(rows):
+            for stride in self._strides.add_answers(rows):
                 self._publisher.publish(encode_stride(stride, self._frame_id, now))
 
 

@@ -119,7 +119,7 @@ class BagInputs:
         for batch in self.batches_of(READ_AHEAD, only=0):
             for _, _, data in batch:
                 with suppress(RefusedSampleError):
-                    joints |= dict.fromkeys(JOINT_STATE.read(data, JOINT_STATES)[0].name)
+                    joints |= dict.fromkeys(JOINT_STATE.read_message(data, JOINT_STATES)[0].name)
                 if joints.keys() >= set(wanted.values()):
                     return
         for parameter, joint in wanted.items():
@@ -133,7 +133,7 @@ class BagInputs:
         """Add all static transforms of the bag to a frame; warn of those that cannot be used."""
         for data in transform_messages(self.bag):
             try:
-                problems = frame.learn(decode_transforms(data))
+                problems = frame.add_transforms(decode_transforms(data))
             except ValueError as error:
                 problems = [str(error)]
             warn(f"{TF_STATIC} of {self.bag}: {problem}" for problem in problems)

@@ -198,7 +198,7 @@ def answer_block(
     pairs = _pairs(samples, before.last_pair, max_gap)
     if pairs is None or not len(pairs.angle):
         return None
-    pipeline.frame.hold(samples.wrenches.shape[0])
+    pipeline.frame.hold_frame(samples.wrenches.shape[0])
     pipeline.angle_conflict.add_samples(
         samples.states.stamps[new_angles], samples.angles[new_angles]
     )
@@ -267,7 +267,7 @@ def _samples(
     """Decode a block into columns of samples; None if a sample would be refused, or must be treated alone."""
     decoded = decode_all(JOINT_STATE, states)
     wrenches = decode_all(WRENCH, forces)
-    if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
+    if decoded is None or wrenches is None or not pipeline.frame.needs_no_turn(wrenches.shape[0]):
         return None
     knee = pipeline.parameters.knee
     position = _position(decoded, knee.joint_name)
@@ -379,7 +379,7 @@ def _compute(pipeline: ContactPipeline, samples: _Samples, pairs: _Pairs) -> Ans
     pipeline.ticks += number
     pipeline.doubts.axes.add_forces(samples.wrenches.numbers["force"][:number])
     if pipeline.varies:
-        pipeline.split.add_all(axial, medial, pipeline.rule.is_beyond_table(axial, angle))
+        pipeline.split.add_samples(axial, medial, pipeline.rule.is_beyond_table(axial, angle))
     return AnswerBlock(rows, axial, moment, angle)
 
 

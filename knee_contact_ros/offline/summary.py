@@ -137,7 +137,7 @@ class Summary:
             largest = answers[int(answers[name].argmax())]
             if name not in self.peaks or largest[name] > getattr(self.peaks[name], name):
                 self.peaks[name] = Moment.of(largest, self.runs)
-        self.doubts.add_all(answers)
+        self.doubts.add_answers(answers)
         self._find_peaks(answers)
         self.ticks_flagged += int(np.count_nonzero(status))
         for bit in Status:
@@ -157,13 +157,13 @@ class Summary:
             self.lateral.complete()
 
     def _finish_run(self) -> None:
-        self._keep_peaks(self._events.finish())
+        self._keep_peaks(self._events.finish_events())
         self._events, self._recent = GaitEvents(self.body_weight), []
 
     def _find_peaks(self, answers: Rows) -> None:
         self._recent.append(answers)
         self._keep_peaks(
-            self._events.add(answers["stamp"], np.zeros(len(answers)), answers["load"])
+            self._events.add_samples(answers["stamp"], np.zeros(len(answers)), answers["load"])
         )
         self._recent = [
             rows

@@ -127,7 +127,7 @@ class Block(NamedTuple):
 
 def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
     """Contents of many messages, at least one; None if their shapes differ, or `decode` cannot read one of them."""
-    first = coder.decode(messages[0])
+    first = coder.decode_message(messages[0])
     if first is None:
         return None
     shape = shape_of(first[0])
@@ -143,7 +143,7 @@ def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
     for index in np.flatnonzero(
         (rest != rest[0]).any(axis=1)
     ).tolist():  # as a rule old memory in the padding
-        other = coder.decode(messages[index])
+        other = coder.decode_message(messages[index])
         if other is None or shape_of(other[0]) != shape:
             return None
     rows, data = filled(first[1], kind, len(messages))

@@ -70,7 +70,7 @@ class Compartment:
         self.model = retuned(self.model, parameters)
         self.stream.continue_with(self.model)
         doubts = doubts_about(parameters, self.model)
-        self.doubts.go_on_with(doubts)
+        self.doubts.continue_with(doubts)
         if is_turned:  # the angles before say nothing of those that come
             self.doubts.inputs = doubts.inputs
 

@@ -242,7 +242,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
             rows.append(row)
         self.is_lost = False
         if self.varies:
-            self.split.add(load.axial, medial, self.rule.is_beyond_table(load.axial, angle))
+            self.split.add_sample(load.axial, medial, self.rule.is_beyond_table(load.axial, angle))
         head = header(load.stamp, load.frame_id)
         messages = tuple([head + row[MESSAGE_BYTES] for row in rows])
         wrench = head + summed_wrench(rows)

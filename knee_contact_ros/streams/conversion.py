@@ -139,11 +139,11 @@ class Converter:
         if source.type == DYNAMIC_JOINT_STATE_TYPE:
             data = messages.as_joint_state(data, self._joints)
         if self._joints:
-            state = messages.JOINT_STATE.read(data, source.topic)[0]
+            state = messages.JOINT_STATE.read_message(data, source.topic)[0]
             state = state._replace(stamp=arrived) if source.on_arrival else state
             return messages.encode_joint_state(self._body.named(state))
         return messages.encode_wrench_stamped(
-            messages.WRENCH.read(data, source.topic)[0]._replace(stamp=arrived)
+            messages.WRENCH.read_message(data, source.topic)[0]._replace(stamp=arrived)
         )
 
     def _from_fields(self, message: Any, arrived: int) -> bytes:

@@ -27,18 +27,18 @@ TF_STATIC = "/tf_static"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
-ISB = "_isb"
+ISB_SUFFIX = "_isb"
 """Suffix of a tibia frame (x anterior, y superior, z right) whose bone has a frame by REP 103 without the suffix"""
-HALF = 0.5**0.5
-FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
+SQRT_HALF = 0.5**0.5
+FROM_REP_103 = (SQRT_HALF, 0.0, 0.0, SQRT_HALF)
 """Rotation from x forward, y left, z up to x anterior, y superior, z right, a quarter turn about x; as x, y, z, w"""
 FORCE_TURNED = "force_turned"
 """Name of the metadata record that describes how later forces are transformed"""
-LONGEST_CHAIN = 100
+MAX_CHAIN = 100
 """Largest number of transforms followed from a frame to its ancestors"""
-FARTHEST = 1e6
+MAX_DISTANCE = 1e6
 """Largest distance [m] from one frame to the next"""
-UNIT = 0.01
+MAX_NORM_ERROR = 0.01
 """Largest difference of the square of a quaternion's length from 1, as in tf2"""
 
 
@@ -102,7 +102,7 @@ def _transform(parent: str, child: str, transform: Any) -> Transform:
 
 def isb_transform(frame: str) -> Transform | None:
     """Pose of a tibia frame in the bone's frame by REP 103; None if its name lacks the suffix."""
-    bone = frame.removesuffix(ISB)
+    bone = frame.removesuffix(ISB_SUFFIX)
     return (
         Transform(bone, frame, (0.0, 0.0, 0.0), FROM_REP_103) if bone and bone != frame else None
     )
@@ -114,7 +114,7 @@ class StaticTransforms:
     def __init__(self) -> None:
         self._known: dict[str, Transform] = {}  # by child frame
 
-    def add(self, transform: Transform) -> bool:
+    def add_transform(self, transform: Transform) -> bool:
         """Add a transform, and return whether it changes the tree.
 
         Raises:
@@ -126,7 +126,10 @@ class StaticTransforms:
         if not parent or not child or parent == child:
             raise ValueError(f"{label}: it has no meaning")
         length = sum(part * part for part in rotation)
-        if not (all(abs(part) <= FARTHEST for part in translation) and abs(length - 1.0) < UNIT):
+        if not (
+            all(abs(part) <= MAX_DISTANCE for part in translation)
+            and abs(length - 1.0) < MAX_NORM_ERROR
+        ):
             raise ValueError(f"{label}: {translation}, {rotation} are not a pose")
         news = self._known.get(child) != transform
         self._known[child] = transform
@@ -141,7 +144,7 @@ class StaticTransforms:
     def _up(self, frame: str) -> dict[str, Pose]:
         """Ancestors of a frame, itself first, each with the pose that converts coordinates to it."""
         ancestors, pose = {frame: np.eye(4)}, np.eye(4)
-        while frame in self._known and len(ancestors) <= LONGEST_CHAIN:
+        while frame in self._known and len(ancestors) <= MAX_CHAIN:
             step = self._known[frame]
             frame = step.parent
             if frame in ancestors:  # a cycle
@@ -189,34 +192,34 @@ class ForceFrame:
             _rotations()  # now, and not while a force waits
         own = isb_transform(wanted)
         if own:
-            self._transforms.add(own)
+            self._transforms.add_transform(own)
 
     def take_turn_note(self) -> dict[str, str]:
         """Metadata record of a new turn, or an empty one; each record is returned once."""
         note, self.turn_note = self.turn_note, {}
         return note
 
-    def forget(self) -> None:
+    def forget_frame(self) -> None:
         """Accept the next force in any frame."""
         self._frame = self._pose = None
 
-    def learn(self, transforms: Iterable[Transform]) -> list[str]:
+    def add_transforms(self, transforms: Iterable[Transform]) -> list[str]:
         """Use transforms from now on; return messages about invalid ones, which are ignored."""
         problems, news = [], False
         for transform in transforms:
             try:
-                news |= self._transforms.add(transform)
+                news |= self._transforms.add_transform(transform)
             except ValueError as error:
                 problems.append(str(error))
         if news and self._frame is not None and self._pose is not None:
             pose = self._transforms.between(self._frame.removeprefix("/"), self.wanted)
             if pose is None:
-                self.forget()
+                self.forget_frame()
             elif not np.array_equal(pose, self._pose):
                 self._turn_by(pose, self._frame)
         return problems
 
-    def goes_on(self, frame: str) -> bool:
+    def needs_no_turn(self, frame: str) -> bool:
         """Whether a force in this frame is accepted, is in the same frame as earlier ones, and needs no transform."""
         if self.is_known:
             return True
@@ -230,13 +233,13 @@ class ForceFrame:
         """Whether a force with the name of a frame was accepted, so that all others are expected in it."""
         return bool(self._frame)
 
-    def hold(self, frame: str) -> None:
+    def hold_frame(self, frame: str) -> None:
         """Expect forces in the frame of the last one, which was accepted."""
         self._frame = frame
         if self._candidate is not None:
             self._turn_by(self._candidate, frame)
 
-    def turned(self, wrench: WrenchStamped, data: bytes) -> tuple[WrenchStamped, bytes]:
+    def turn_wrench(self, wrench: WrenchStamped, data: bytes) -> tuple[WrenchStamped, bytes]:
         """Transform a force to the origin and the axes of the tibia frame; return it, and the bytes to record.
 
         Raises:
@@ -244,7 +247,7 @@ class ForceFrame:
         """
         frame = wrench.frame_id
         self._candidate = None
-        if self.goes_on(frame):
+        if self.needs_no_turn(frame):
             return wrench, data
         if self._frame is not None and frame != self._frame:
             text = f"{self._topic} is in frame {_short(frame)}, and was in {_short(self._frame)} before"

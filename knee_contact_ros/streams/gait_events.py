@@ -120,7 +120,7 @@ class GaitEvents:
         )  # stamp of the last look; the grid point before which all is decided
         self._told = set[tuple[str, int]]()  # kind and extremum of events after it
 
-    def add(self, stamps: Stamps, flexion_angle: Floats, load: Floats) -> list[GaitEvent]:
+    def add_samples(self, stamps: Stamps, flexion_angle: Floats, load: Floats) -> list[GaitEvent]:
         """Add samples; return the events that have become certain, sorted.
 
         An event is certain up to one second after its stamp, so an earlier one of another kind may come later. If
@@ -137,14 +137,14 @@ class GaitEvents:
         )
         for part, anew in runs(stamps, self._stamps):
             if anew:
-                events += self.finish()
+                events += self.finish_events()
             self._stamps = np.append(self._stamps, stamps[part])
             self._samples = np.concatenate((self._samples, samples[part]))
             if self._stamps[-1] - self._looked >= PAUSE:
                 events += self._found(ended=False)
         return events
 
-    def finish(self) -> list[GaitEvent]:
+    def finish_events(self) -> list[GaitEvent]:
         """End the stream; return the events that this makes certain. Samples after it start a new stream."""
         events = self._found(ended=True)
         self._begin()

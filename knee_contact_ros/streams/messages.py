@@ -36,7 +36,7 @@ STAMP_END = 12
 """Offset [B] after encapsulation and stamp, with which all messages begin"""
 MOST_TRAILING = 12
 """Largest surplus [B] of ROS's `serialize_message`, which makes room to align numbers even where none follow"""
-LONGEST = 65536
+LARGEST_REMEMBERED = 65536
 """Largest message [B] whose layout is remembered, so that these stay small"""
 MOST_LAYOUTS = 16
 """Largest number of layouts remembered at a time"""
@@ -213,7 +213,7 @@ class Coder(Generic[Content]):
         self.kind: Any = kind
         self._layouts: dict[int, Layout] = {}
 
-    def decode(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
+    def decode_message(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
         """Content of a message, and the bytes to record; None if the bytes are not such a message."""
         try:
             received = data if type(data) is bytes else bytes(data)
@@ -231,22 +231,22 @@ class Coder(Generic[Content]):
         except UNKNOWN:
             return None
 
-    def read(self, data: bytes, topic: str) -> tuple[Content, bytes]:
+    def read_message(self, data: bytes, topic: str) -> tuple[Content, bytes]:
         """Content of a message of a topic, and the bytes to record.
 
         Raises:
             RefusedSampleError: the bytes are not such a message.
         """
-        decoded = self.decode(data)
+        decoded = self.decode_message(data)
         if decoded is None:
-            if data.startswith(REFUSED):
-                raise RefusedSampleError(*data[len(REFUSED) :].decode().split("\n", 1))
+            if data.startswith(REFUSED_PREFIX):
+                raise RefusedSampleError(*data[len(REFUSED_PREFIX) :].decode().split("\n", 1))
             raise RefusedSampleError(
                 "undecodable", f"{topic}: {len(data)} bytes are not a message of its type"
             )
         return decoded
 
-    def encode(self, content: Content) -> bytes:
+    def encode_message(self, content: Content) -> bytes:
         """Bytes of a message with this content.
 
         Raises:
@@ -260,7 +260,7 @@ class Coder(Generic[Content]):
         """Find the layout of a message, and remember it; raises one of `UNKNOWN`."""
         layout = Layout(self.kind, data)
         content = self.kind(0, *layout.texts, *layout.numbers_in(layout.unpack(data)))
-        is_long = len(data) > LONGEST
+        is_long = len(data) > LARGEST_REMEMBERED
         layout.written = (
             Layout(self.kind, _plain(content))
             if is_long
@@ -335,13 +335,13 @@ def stamp_in(data: bytes) -> int:
 
 
 JOINT_STATE, WRENCH = Coder(JointState), Coder(WrenchStamped)
-encode_joint_state = JOINT_STATE.encode
-encode_wrench_stamped = WRENCH.encode
+encode_joint_state = JOINT_STATE.encode_message
+encode_wrench_stamped = WRENCH.encode_message
 
 
 def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
     """Content of a JointState; None if the bytes are not one."""
-    decoded = JOINT_STATE.decode(data)
+    decoded = JOINT_STATE.decode_message(data)
     return decoded and decoded[0]
 
 
@@ -357,13 +357,13 @@ class RefusedSampleError(Exception):
         self.reason = reason
 
 
-REFUSED = b"refused "
+REFUSED_PREFIX = b"refused "
 """Beginning of bytes that replace a message which could not be converted; no message begins like this"""
 
 
 def refusal(refused: RefusedSampleError) -> bytes:
-    """Bytes instead of a message that is refused before it is read; `Coder.read` raises the error."""
-    return REFUSED + f"{refused.reason}\n{refused}".encode()
+    """Bytes instead of a message that is refused before it is read; `Coder.read_message` raises the error."""
+    return REFUSED_PREFIX + f"{refused.reason}\n{refused}".encode()
 
 
 def number_of(message: JointState, joint: str, quantity: str) -> float:

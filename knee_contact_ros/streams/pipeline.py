@@ -96,7 +96,7 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Push the bytes of a JointState; return the answers that it makes possible."""
         self.message_stamp = None
         try:
-            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            message, recorded = JOINT_STATE.read_message(data, JOINT_STATES)
             self.message_stamp = message.stamp
             if not message.stamp:
                 self._refuse_unset_stamp(JOINT_STATES)
@@ -110,11 +110,11 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Push the bytes of a WrenchStamped that arrived at a time [s] by the caller's clock; return the answers."""
         self.message_stamp = None
         try:
-            message, recorded = WRENCH.read(data, self.force_topic)
+            message, recorded = WRENCH.read_message(data, self.force_topic)
             self.message_stamp = message.stamp
             if not message.stamp:
                 self._refuse_unset_stamp(self.force_topic)
-            wrench, recorded = self.frame.turned(message, recorded)
+            wrench, recorded = self.frame.turn_wrench(message, recorded)
             sample = self.load_sample(wrench, recorded, arrived)
         except RefusedSampleError as refused:
             return self._refuse_sample(refused)
@@ -124,7 +124,7 @@ class Pipeline(ABC, Generic[AnswerT]):
         refused_before = self.refused
         pairs = self.synchroniser.push_load(sample)
         if self.refused == refused_before:
-            self.frame.hold(message.frame_id)  # all others are expected in it
+            self.frame.hold_frame(message.frame_id)  # all others are expected in it
         return self._answers(pairs)
 
     def push_messages(self, messages: Iterable[tuple[int, int, bytes]]) -> Iterator[AnswerT]:
@@ -147,7 +147,7 @@ class Pipeline(ABC, Generic[AnswerT]):
 
     def reset(self) -> None:
         """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
-        self.frame.forget()
+        self.frame.forget_frame()
         self.synchroniser.restart()
 
     def ending(self) -> Ending:

@@ -19,13 +19,13 @@ from knee_contact_ros.streams.gait_events import (
     runs,
 )
 
-SHORTEST, LONGEST = 0.4, 2.5
+SHORTEST, LONGEST_STRIDE = 0.4, 2.5
 """Range of plausible durations of a stride [s]"""
 CERTAIN = round(2.2 * SECOND)
 """Time [ns] after which all events are certain: a toe-off may have to wait for a slow flexion and extension"""
 RISE_TIME = 0.02
 """Duration [s] over which the loading rate is computed"""
-KEPT = round((LONGEST + 3.0) * SECOND)
+_KEPT = round((LONGEST_STRIDE + 3.0) * SECOND)
 """Time [ns] that samples must be kept: a stride, and the time until events are certain"""
 
 
@@ -100,7 +100,7 @@ def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
     strides = []
     for start, end in pairwise(strikes):
         between = [stamp for stamp in toe_offs if start < stamp < end]
-        if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST:
+        if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST_STRIDE:
             strides.append(Span(start, between[0], end))
     return strides
 
@@ -180,7 +180,7 @@ class Strides:
         self._strikes, self._toe_offs = list[int](), list[int]()
         self._last = (0, 0)  # heel strikes of the stride that was told last
 
-    def add(self, rows: Rows) -> list[Stride]:
+    def add_answers(self, rows: Rows) -> list[Stride]:
         """Add answers, shape (n,); return the strides that have become certain, in order.
 
         If stamps do not increase, or leave a gap of more than half a second, everything starts again.
@@ -189,24 +189,24 @@ class Strides:
         self.events = []
         for part, anew in runs(rows["stamp"], self._rows["stamp"]):
             if anew:
-                strides += self.finish()
+                strides += self.finish_strides()
             new = rows[part]
             self._rows = np.concatenate((self._rows, new))
-            strides += self._told(
-                self._finder.add(new["stamp"], new["flexion_angle"], new["load"])
+            strides += self._certain_strides(
+                self._finder.add_samples(new["stamp"], new["flexion_angle"], new["load"])
             )
             self._rows = self._rows[
-                np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - KEPT) :
+                np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - _KEPT) :
             ]
         return strides
 
-    def finish(self) -> list[Stride]:
+    def finish_strides(self) -> list[Stride]:
         """End the stream; return the strides that this makes certain. Answers after it start a new stream."""
-        strides = self._told(self._finder.finish())
+        strides = self._certain_strides(self._finder.finish_events())
         self._begin()
         return strides
 
-    def _told(self, events: Sequence[GaitEvent]) -> list[Stride]:
+    def _certain_strides(self, events: Sequence[GaitEvent]) -> list[Stride]:
         strides = []
         self.events += events
         for event in events:
@@ -262,4 +262,4 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
         1.23 s, 1557 N
     """
     strides = Strides(body_weight)
-    return strides.add(np.asarray(series)) + strides.finish()
+    return strides.add_answers(np.asarray(series)) + strides.finish_strides()

@@ -34,15 +34,15 @@ from knee_contact_ros.streams.topics import NANOSECONDS
 if TYPE_CHECKING:
     from knee_contact_ros.streams.pipeline import Pipeline
 
-MOST_BEYOND = 0.1
+MAX_BEYOND_TABLE = 0.1
 """Largest fraction of samples under load that may lie beyond a table of shares without a warning"""
-SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
+TYPICAL_SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
 """Fraction of the body weight that loads a compartment in `parameter_doubts`, by the load's rule; else `load.share`"""
-GAIT = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
+GAIT_ANGLES = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
 """Flexion angles of gait [rad]"""
-PLATEAU = 0.045
+MAX_CONTACT_PLACE = 0.045
 """Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is about 25 mm"""
-IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
+_IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 
 
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
@@ -85,20 +85,25 @@ def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
     """Sentence about a femur that leaves the plateau in gait, such as one that turns about the hip; empty if none."""
     pair = model.pair
     places = [
-        pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1] for angle in GAIT
+        pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1]
+        for angle in GAIT_ANGLES
     ]  # if level
-    if max(map(abs, places)) <= PLATEAU:
+    if max(map(abs, places)) <= MAX_CONTACT_PLACE:
         return ""
     return (
         f"femur.profile {parameters.femur.profile} touches the tibia at x = {MM * min(places):.0f} to "
-        f"{MM * max(places):.0f} mm in 0 to 60 degrees of flexion, and a plateau ends before {MM * PLATEAU:.0f} mm: is "
-        "its origin the hip's or the scanner's, and not the joint's axis (fit-profile --origin)?"
+        f"{MM * max(places):.0f} mm in 0 to 60 degrees of flexion, and a plateau ends before "
+        f"{MM * MAX_CONTACT_PLACE:.0f} mm: is its origin the hip's or the scanner's, and not the "
+        "joint's axis (fit-profile --origin)?"
     )
 
 
 def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
     """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
-    contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
+    contact, share = (
+        parameters.contact,
+        TYPICAL_SHARES.get(parameters.load.rule, parameters.load.share),
+    )
     load, limit = share * parameters.body_weight, model.plausible_depth
     depth = model.static_depth(load)
     if depth <= limit:
@@ -157,7 +162,7 @@ class Doubts:
     off_by: float = 0.0
     """Largest distance [m] of such a contact from the tibia's origin, along x"""
 
-    def go_on_with(self, other: Doubts) -> None:
+    def continue_with(self, other: Doubts) -> None:
         """Continue with the limit and the sentences of other parameters."""
         self.plausible_depth, self.limit = other.plausible_depth, other.limit
         self.about_parameters, self.axes.frame = other.about_parameters, other.axes.frame
@@ -166,7 +171,7 @@ class Doubts:
             other.inputs.load_driven,
         )
 
-    def add_all(self, answers: Mapping[str, NDArray[Any]] | Rows) -> None:
+    def add_answers(self, answers: Mapping[str, NDArray[Any]] | Rows) -> None:
         """Add answers, at least one, by the names of their fields."""
         if isinstance(answers, np.ndarray):
             answers = answers.view(FLAT)
@@ -178,7 +183,7 @@ class Doubts:
             self.off += int(np.count_nonzero(off))
             self.off_by = max(self.off_by, float(places[off].max()))
         flagged = (
-            ((answers["status"] & IMPLAUSIBLE) != 0)
+            ((answers["status"] & _IMPLAUSIBLE) != 0)
             & ~off
             & (angles >= MIN_FLEXION)
             & (angles <= MAX_FLEXION)
@@ -208,7 +213,7 @@ class Doubts:
     def about_answers(self) -> list[str]:
         """Sentences about contacts on no plateau, implausible depths and implausible gaps."""
         limit, of = f", {self.limit}" if self.limit else "", f"of {self.ticks} ticks"
-        told = {
+        sentences = {
             f"the contact is up to {MM * self.off_by:.3g} mm ahead of the tibia's origin or behind it, outside any "
             f"plateau, in {self.off} {of} (IMPLAUSIBLE): is the femur's profile in the femur's axes, with the origin "
             "in the knee (fit-profile --origin)?": self.off,
@@ -217,7 +222,7 @@ class Doubts:
             f"{self.flown} {of} belong to this flight or its landing (IMPLAUSIBLE); does the load pull, by its sign or "
             "by the share of the compartment?": self.flown,
         }
-        return [sentence for sentence, number in told.items() if number]
+        return [sentence for sentence, number in sentences.items() if number]
 
     @property
     def about_inputs(self) -> list[str]:
@@ -233,7 +238,7 @@ class Doubts:
     def sentences(self) -> list[str]:
         """All sentences: about parameters, depths, gaps and inputs."""
         answers = self.about_answers
-        if self.flown and self.inputs.load_pulls:  # the cause of the gap is told
+        if self.flown and self.inputs.load_pulls:  # what it says of the gap follows from the loads
             answers.pop()
         return [*self.about_parameters, *answers, *self.about_inputs]
 
@@ -259,7 +264,7 @@ class Split:
     largest: float = -math.inf
     """Largest share"""
 
-    def add(self, axial: float, load: float, beyond: bool = False) -> None:
+    def add_sample(self, axial: float, load: float, beyond: bool = False) -> None:
         """Add a sample: axial compression [N], the compartment's load [N], and whether it lies beyond the table."""
         if axial >= STANDING_LOAD * self.body_weight:
             share = load / axial
@@ -270,10 +275,10 @@ class Split:
             self.beyond += beyond
             self.smallest, self.largest = min(self.smallest, share), max(self.largest, share)
 
-    def add_all(
+    def add_samples(
         self, axial: Floats, loads: Floats, beyond: NDArray[np.bool_] | bool = False
     ) -> None:
-        """Add many samples, given as arrays of one shape; see `add`."""
+        """Add many samples, given as arrays of one shape; see `add_sample`."""
         stands = axial >= STANDING_LOAD * self.body_weight
         shares = loads[stands] / axial[stands]
         if len(shares):
@@ -301,7 +306,7 @@ class Split:
     @property
     def problem(self) -> str:
         """Reason why the split cannot be used; empty if it can."""
-        if self.beyond > MOST_BEYOND * self.samples:
+        if self.beyond > MAX_BEYOND_TABLE * self.samples:
             return (
                 f"load or flexion lie beyond the table of shares in {100.0 * self.beyond / self.samples:.1f} % of the "
                 "samples under load, where its edge is used: is load.share_file of another gait, or body_weight of "
@@ -317,7 +322,7 @@ class Split:
         )
 
 
-UNANSWERED = 0.05
+MAX_UNANSWERED = 0.05
 """Fraction of forces without an answer above which a run is incomplete"""
 ADVICE = {
     "no_angle_before": "there are no angles at their times: are these in another bag, or by another clock?",
@@ -348,7 +353,7 @@ def held_sentence(pipeline: Pipeline[Any], held: int) -> str:
 def unanswered_sentence(pipeline: Pipeline[Any], forces: int) -> str:
     """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
     missing = forces - pipeline.ticks
-    if missing <= UNANSWERED * forces:
+    if missing <= MAX_UNANSWERED * forces:
         return ""
     refused = pipeline.synchroniser.refused
     reasons = [f"{count} x {reason}" for reason, count in refused.most_common()]

@@ -317,13 +317,13 @@ class EventFinder:
 
     def find(self, answers: Rows) -> list[Event]:
         """Return the events that become certain with these answers, at least one, by their stamps."""
-        strides = self._strides.add(answers)
+        strides = self._strides.add_answers(answers)
         return sorted([*self._contact(answers), *self._flags(answers), *self._gait(strides)])
 
     def finish(self) -> list[Event]:
         """Return the events that the end makes certain; later answers start again."""
         self._strides.events = []
-        return sorted(self._gait(self._strides.finish()))
+        return sorted(self._gait(self._strides.finish_strides()))
 
     def _gait(self, strides: Sequence[Stride]) -> Iterator[Event]:
         """Yield the gait events that have become certain with these strides, and the strides."""

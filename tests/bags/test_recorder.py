@@ -57,13 +57,13 @@ def test_a_recording_holds_what_solve_writes(
     )  # it takes answers before it is open
     leg = DrawnLeg()
     for each in answers_to(pipeline, raw_messages(right_bag)):
-        sink.put(TickOutput.of(each.rows[0], leg.records_with_leg(each)))
+        sink.put_item(TickOutput.of(each.rows[0], leg.records_with_leg(each)))
     for data in (b"", b""):
         pipeline.push_joint_state(data)  # refused
     close(sink, pipeline.ending())
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
     said = {"backlog": "0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}
-    values, *wrong = sink.report()
+    values, *wrong = sink.report_state()
     assert (values | {"process": ""}, wrong) == (said, ["", False])
     solve(right_bag, parameters, tmp_path / "offline.mcap")
     live, offline = (
@@ -96,8 +96,8 @@ def test_a_full_disk_stops_the_recording_with_one_message(
     wait_until(lambda: recording.failure and picture.failure)
     for sink in (recording, picture):
         put(sink, range(4000, 4010))
-        wait_until(lambda sink=sink: sink.report()[0]["backlog"] == "0")
-        assert int(sink.report()[0]["dropped"]) >= 10
+        wait_until(lambda sink=sink: sink.report_state()[0]["backlog"] == "0")
+        assert int(sink.report_state()[0]["dropped"]) >= 10
         assert close(sink) == (sink is picture)  # which may have gaps
     assert sorted(started.told) == sorted([recording.failure, picture.failure])
     assert recording.failure.startswith(f"recording {path} stopped: File too large")
@@ -182,11 +182,12 @@ def test_a_recording_has_no_gaps(
     )
     assert full > 25.0
     assert (
-        sink.report()[1] == f"recording {sink.name} is behind: {full:.0f} % of its queue is full"
+        sink.report_state()[1]
+        == f"recording {sink.name} is behind: {full:.0f} % of its queue is full"
     )
     put(sink, range(900, 900 + fits))
     wait_until(lambda: started.told)  # while it stands still
-    said = sink.report()[1:]
+    said = sink.report_state()[1:]
     wait_until(sink.is_over)
     put(sink, range(900))
     assert not close(sink)

@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 
 from benchmarks.latency import __main__ as study
 from benchmarks.latency import bare, driver
-from knee_contact_ros.node.inputs import DEPTH
+from knee_contact_ros.node.inputs import INPUT_DEPTH
 from knee_contact_ros.node.session import OUTPUT_DEPTH
 from knee_contact_ros.streams.messages import WRENCH, decode_joint_state
 from tests import ROOT
@@ -32,7 +32,7 @@ main()
 def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
     found = list(islice(driver.samples(1000.0, 7), 9000))
     states = [decode_joint_state(each.angle) for each in found]
-    forces = [WRENCH.decode(each.force)[0] for each in found]
+    forces = [WRENCH.decode_message(each.force)[0] for each in found]
     stamps = [7 + number * MS for number in range(9000)]
     assert (
         stamps
@@ -48,7 +48,7 @@ def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
 
 
 def test_bare_nodes_offer_what_the_node_offers() -> None:
-    assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
+    assert QoSProfile(depth=INPUT_DEPTH) == bare.INPUT_QOS
     assert QoSProfile(depth=OUTPUT_DEPTH) == bare.OUTPUT_QOS
 
 

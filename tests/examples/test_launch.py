@@ -21,7 +21,7 @@ from knee_contact_ros.parameters.files import (
     load_parameters,
 )
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.frames import ISB, isb_transform
+from knee_contact_ros.streams.frames import ISB_SUFFIX, isb_transform
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.system.files import PACKAGE, read_yaml, share_folder
 
@@ -139,16 +139,18 @@ def body() -> Any:
 def thigh_at(body: Any, angle: float) -> np.ndarray:
     """Where the thigh lies in the tibia frame at a flexion angle [rad], shape (4, 4)."""
     body.update_cfg({load_parameters({}).knee.joint_name: angle})
-    return np.array(body.get_transform("thigh", BONE + ISB))
+    return np.array(body.get_transform("thigh", BONE + ISB_SUFFIX))
 
 
 def test_the_tibia_frame_lies_in_the_shank_as_the_node_says(body: Any) -> None:
-    transform = isb_transform(BONE + ISB)
+    transform = isb_transform(BONE + ISB_SUFFIX)
     assert transform
     assert (
-        (transform.parent, transform.child) == (BONE, BONE + ISB) == (body.base_link, BONE + ISB)
+        (transform.parent, transform.child)
+        == (BONE, BONE + ISB_SUFFIX)
+        == (body.base_link, BONE + ISB_SUFFIX)
     )
-    found = body.get_transform(BONE + ISB, BONE)
+    found = body.get_transform(BONE + ISB_SUFFIX, BONE)
     assert found[:3, :3] == pytest.approx(
         Rotation.from_quat(transform.rotation).as_matrix(), abs=1e-15
     )
@@ -197,7 +199,7 @@ def test_the_knee_is_seen_from_its_right_side() -> None:
     eye = np.array(
         [math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch)]
     )
-    transform = isb_transform(BONE + ISB)
+    transform = isb_transform(BONE + ISB_SUFFIX)
     assert transform
     to_the_right = Rotation.from_quat(transform.rotation).apply([0.0, 0.0, 1.0])
     assert eye == pytest.approx(to_the_right, abs=1e-6)  # the angle is written with six decimals

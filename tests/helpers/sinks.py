@@ -75,22 +75,24 @@ def answer(number: int) -> TickOutput:
 def put(sink: SinkProcess, numbers: range) -> None:
     """Hand over some answers."""
     for number in numbers:
-        sink.put(answer(number))
+        sink.put_item(answer(number))
 
 
 def close(
     sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, seconds: float | None = None
 ) -> bool:
     """Have an output completed, and wait for that; whether nothing is lost that must not be."""
-    sink.end(ending)
-    return sink.wait(time.monotonic() + (patience() if seconds is None else seconds))
+    sink.request_end(ending)
+    return sink.wait_until_complete(
+        time.monotonic() + (patience() if seconds is None else seconds)
+    )
 
 
 def settled_backlog(sink: SinkProcess) -> int:
     """Answers that wait once a socket takes no more."""
     looks: list[str] = []
     while len(looks) < 10 or len(set(looks[-10:])) > 1:
-        looks.append(sink.report()[0]["backlog"])
+        looks.append(sink.report_state()[0]["backlog"])
         time.sleep(0.05)
     return int(looks[-1])
 

@@ -47,8 +47,10 @@ Capture = pytest.CaptureFixture[str]
 def content() -> tuple[list[Any], list[Any]]:
     """Angles and forces."""
     messages = raw_messages(Path("bag"))
-    angles = [JOINT_STATE.decode(m.data) for m in messages if m.topic == "/joint_states"]
-    forces = [WRENCH.decode(m.data) for m in messages if m.topic == "/joint_reaction_force"]
+    angles = [JOINT_STATE.decode_message(m.data) for m in messages if m.topic == "/joint_states"]
+    forces = [
+        WRENCH.decode_message(m.data) for m in messages if m.topic == "/joint_reaction_force"
+    ]
     return [angle for angle, _ in filter(None, angles)], [f for f, _ in filter(None, forces)]
 
 
@@ -359,8 +361,10 @@ side: left
     assert importing(table, text, files=("cells.csv", plate)) == 0
     types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
     messages = raw_messages(Path("bag"), types)
-    grounds = [WRENCH.decode(m.data) for m in messages if m.topic == "/ground_reaction_force"]
-    states = [JOINT_STATE.decode(m.data) for m in messages if m.topic == "/joint_states"]
+    grounds = [
+        WRENCH.decode_message(m.data) for m in messages if m.topic == "/ground_reaction_force"
+    ]
+    states = [JOINT_STATE.decode_message(m.data) for m in messages if m.topic == "/joint_states"]
     wrenches = np.array([[*ground.force, *ground.torque] for ground, _ in filter(None, grounds)])
     joints = [state for state, _ in filter(None, states)]
     assert (len(wrenches), len(joints)) == (150, 151)

@@ -140,22 +140,22 @@ def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
     """Not received, rate low, silent, timeout: levels as other topic monitors have them."""
     meter = InputMeter(warn_rate=90.0, error_rate=40.0, max_gap=0.1, timeout=1.0)
     clock.now += 0.5
-    assert meter.report()[1] == (STALE, "nothing received yet")
+    assert meter.report_rate()[1] == (STALE, "nothing received yet")
     clock.receive(meter, 10, 0.05)  # the first second tells of no rate
-    assert meter.report()[1] == (OK, "")
+    assert meter.report_rate()[1] == (OK, "")
     for period, problem in (
         (0.01, (OK, "")),
         (0.0125, (WARN, "rate low: 80.0 Hz, below 90 Hz")),
         (0.05, (ERROR, "rate low: 20.0 Hz, below 40 Hz")),
     ):
         clock.receive(meter, 80, period)
-        assert meter.report()[1] == problem
+        assert meter.report_rate()[1] == problem
     for later, problem in (
         (0.5, (WARN, "silent for 0.5 s")),
         (0.6, (STALE, "timeout: silent for 1.1 s")),
     ):
         clock.now += later
-        assert meter.report()[1] == problem
+        assert meter.report_rate()[1] == problem
 
 
 def test_messages_and_ages_are_counted_and_a_pause_of_the_node_is_no_period(clock: Time) -> None:
@@ -163,10 +163,10 @@ def test_messages_and_ages_are_counted_and_a_pause_of_the_node_is_no_period(cloc
     clock.receive(meter, 3, 0.01)
     meter.count_message(None)
     clock.now += 5.0
-    meter.begin()
+    meter.restart()
     clock.receive(meter, 2, 0.01, age=0.004)
     clock.receive(meter, 1, 0.03, age=0.008)
-    values, _ = meter.report()
+    values, _ = meter.report_rate()
     assert (values["received"], values["longest pause [ms]"]) == ("7", "30.0")
     assert (values["message age mean [ms]"], values["message age max [ms]"]) == ("5.333", "8.000")
 

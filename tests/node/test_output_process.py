@@ -51,7 +51,7 @@ def test_a_batch_is_sent_however_long_answers_are_gathered(
         recording(tmp_path / "knee.mcap")._replace(gather=1e4), True, MayWait(2 * BATCH, 1.0)
     )
     put(sink, range(2 * BATCH))
-    wait_until(lambda: int(sink.report()[0]["backlog"]) < BATCH)
+    wait_until(lambda: int(sink.report_state()[0]["backlog"]) < BATCH)
     close(sink)
     assert recorded_ticks(tmp_path / "knee.mcap") == list(range(2 * BATCH))
 
@@ -135,14 +135,14 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
     put(sink, range(number, last + 101))
     wait_until(lambda: started.told)
     assert sink.dropped == 101
-    assert sink.report()[0]["backlog"] == "500"
+    assert sink.report_state()[0]["backlog"] == "500"
     os.kill(pid(sink), signal.SIGCONT)
     close(sink)
     assert started.told == [sink.failure]
     assert (
         "knee.rrd has gaps: more waited than 500 answers (parameter rerun.queue)" in sink.failure
     )
-    assert sink.report()[1:] == (sink.failure, True)
+    assert sink.report_state()[1:] == (sink.failure, True)
     assert shown_ticks(tmp_path / "knee.rrd") == list(range(last))
 
 
@@ -190,9 +190,9 @@ def test_a_process_that_stands_still_does_not_hold_up_the_end_and_completes_late
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(number))
     if number == 10:
-        wait_until(lambda: sink.report()[0]["backlog"] == "0")
-    sink.end(NOTHING_LEFT)
-    complete = sink.wait(time.monotonic() + 0.1)
+        wait_until(lambda: sink.report_state()[0]["backlog"] == "0")
+    sink.request_end(NOTHING_LEFT)
+    complete = sink.wait_until_complete(time.monotonic() + 0.1)
     (words,) = started.told
     label = f"recording {tmp_path / 'out.mcap'} is not complete yet, and is not waited for"
     told = re.fullmatch(

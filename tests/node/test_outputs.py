@@ -69,13 +69,13 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
 def test_a_snapshot_is_no_larger_than_what_may_wait(started: Started, tmp_path: Path) -> None:
     ring = Ring(1e3, 10**6, 1e6)
     for number in range(3000):
-        ring.put(answer(number))
+        ring.put_item(answer(number))
     sink, (items, _) = (
         started.recorder(tmp_path / "out.mcap", wait=False, queue=MayWait(10**6, 1.0)),
-        ring.taken(),
+        ring.kept_items(),
     )
     for item in items:
-        sink.put(item)
+        sink.put_item(item)
     assert close(sink)
     assert len(items) == 1_000_000 // size_of(answer(0))
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))

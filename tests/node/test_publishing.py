@@ -44,7 +44,7 @@ def session_of(kind: Any, pipeline: Any, acts: list[Any], **more: Any) -> Any:
     vars(session).update(
         pipeline=pipeline,
         parameters=pipeline.parameters,
-        outputs=SimpleNamespace(put=acts.append),
+        outputs=SimpleNamespace(put_item=acts.append),
         health=SimpleNamespace(counts=AnswerCounts(), rows=[]),
         **more,
     )

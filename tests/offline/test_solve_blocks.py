@@ -135,7 +135,7 @@ def test_a_known_delay_of_the_angles_changes_no_bit(tmp_path: Path, delay: int) 
         [list[AnswerBlock](), list[AnswerBlock]()],
     )
     for topic, stamp, data in prompt:
-        found = JOINT_STATE.decode(data) if topic == "/joint_states" else None
+        found = JOINT_STATE.decode_message(data) if topic == "/joint_states" else None
         late.append(
             (topic, stamp + delay, encode_joint_state(found[0]._replace(stamp=stamp + delay)))
             if found

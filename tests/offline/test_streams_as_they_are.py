@@ -271,7 +271,7 @@ def own_definition(path: Path, g: list[RawMessage]) -> Path:
 def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]:
     found = []
     for number, message in enumerate(forces(g)):
-        wrench, _ = WRENCH.read(message.data, "")
+        wrench, _ = WRENCH.read_message(message.data, "")
         found.append(
             message._replace(data=encode_wrench_stamped(wrench._replace(frame_id=frame(number))))
         )
@@ -280,7 +280,7 @@ def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]
 
 def later(g: list[RawMessage], by: int) -> list[RawMessage]:
     """Forces with stamps that are later [ns]."""
-    each = [(message, WRENCH.read(message.data, "")[0]) for message in forces(g)]
+    each = [(message, WRENCH.read_message(message.data, "")[0]) for message in forces(g)]
     return [
         message._replace(data=encode_wrench_stamped(one._replace(stamp=one.stamp + by)))
         for message, one in each

@@ -345,7 +345,7 @@ def test_a_contact_beyond_the_plateau_is_reported() -> None:
     """Of a femur whose origin is at the hip."""
     nothing = dict.fromkeys(("flexion_angle", "penetration_depth", "gap"), np.zeros(4))
     watch = Doubts()
-    watch.add_all(
+    watch.add_answers(
         nothing
         | {
             "stamp": np.arange(4),

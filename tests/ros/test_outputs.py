@@ -18,7 +18,7 @@ import pytest
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
-from knee_contact_ros.node.outputs import MOST_ENDING
+from knee_contact_ros.node.outputs import MAX_ENDING
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from tests.helpers.needs import needs_viewer
 from tests.helpers.offline import solve
@@ -139,7 +139,7 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
     wait_until((tmp_path / "b" / "out.mcap").exists)
     peer.wait_until(lambda: not children(node))  # the node may not have heard of that yet
     stopped: list[psutil.Process] = []
-    for number in range(MOST_ENDING):  # the names go on
+    for number in range(MAX_ENDING):  # the names go on
         peer.wait_until(lambda: trigger(peer, "start_recording")[0])
         walk(peer, 200 + 10 * number, 10)
         peer.wait_until(
@@ -155,7 +155,7 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
         child.suspend()
         stopped.append(child)
         assert trigger(peer, "stop_recording")[0] is True
-    many = f"{MOST_ENDING} recordings are still being completed; try again when one is complete"
+    many = f"{MAX_ENDING} recordings are still being completed; try again when one is complete"
     assert trigger(peer, "start_recording") == (False, many)
     for child in children(node):
         child.resume()
@@ -163,7 +163,7 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
     node.stop()
     assert stamps(tmp_path / "a" / "out.mcap") == list(range(10, 40))
     assert stamps(tmp_path / "b" / "out.mcap") == list(range(60, 90))
-    for number in range(MOST_ENDING):
+    for number in range(MAX_ENDING):
         ticks = range(200 + 10 * number, 210 + 10 * number)
         assert stamps(tmp_path / "b" / f"out_{number + 1}.mcap") == list(ticks)
 

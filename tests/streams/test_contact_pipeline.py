@@ -152,7 +152,7 @@ def test_medial_and_lateral_load_are_the_axial_load(
 def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     """On planes without slope the forces point down: their moment about x is d (lateral - medial)."""
     answers, (medial, lateral) = one_by_one(pipeline_of({"load.share": 0.7}))
-    wrenches = [WRENCH.decode(answer.wrench)[0] for answer in answers]
+    wrenches = [WRENCH.decode_message(answer.wrench)[0] for answer in answers]
     total = medial["contact_force"] + lateral["contact_force"]
     assert [wrench.force[1] for wrench in wrenches if wrench] == pytest.approx(
         (-total).tolist(), rel=ROUNDINGS

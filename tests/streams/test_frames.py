@@ -45,20 +45,20 @@ def wrench(
 
 def take(frame: ForceFrame, given: WrenchStamped) -> WrenchStamped:
     """What comes of a force that is taken; the bytes must be its own."""
-    turned, data = frame.turned(given, encode_wrench_stamped(given))
-    assert WRENCH.decode(data)[0] == turned
+    turned, data = frame.turn_wrench(given, encode_wrench_stamped(given))
+    assert WRENCH.decode_message(data)[0] == turned
     if not frame.is_held:
-        frame.hold(given.frame_id)
+        frame.hold_frame(given.frame_id)
     return turned
 
 
 def told(frame: ForceFrame, *transforms: Transform) -> None:
-    assert frame.learn(transforms) == []
+    assert frame.add_transforms(transforms) == []
 
 
 def refusal(frame: ForceFrame, given: WrenchStamped) -> RefusedSampleError:
     with pytest.raises(RefusedSampleError) as refused:
-        frame.turned(given, b"")
+        frame.turn_wrench(given, b"")
     return refused.value
 
 
@@ -71,7 +71,7 @@ def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> N
         "joint_reaction_force is in frame 'right', and was in 'left' before; if the new one is right, ~/reset takes it"
     )
     take(frame, wrench("left", NOWHERE))
-    frame.forget()
+    frame.forget_frame()
     take(frame, wrench("right", NOWHERE))
 
 
@@ -115,8 +115,8 @@ def test_a_tree_takes_a_point_up_and_down(
     """From one arm to the other: by SciPy's own rotations."""
     left, right = left / np.linalg.norm(left), right / np.linalg.norm(right)
     tree = StaticTransforms()
-    tree.add(Transform("root", "a", tuple(up), tuple(left)))
-    tree.add(Transform("root", "b", tuple(down), tuple(right)))
+    tree.add_transform(Transform("root", "a", tuple(up), tuple(left)))
+    tree.add_transform(Transform("root", "b", tuple(down), tuple(right)))
     pose = tree.between("a", "b")
     assert pose is not None
     in_root = Rotation.from_quat(left).apply(point) + up
@@ -139,9 +139,9 @@ def test_a_tree_takes_a_point_up_and_down(
 )
 def test_what_is_no_pose_changes_nothing(transform: Transform) -> None:
     tree = StaticTransforms()
-    tree.add(Transform("a", "b", NOWHERE, UPRIGHT))
+    tree.add_transform(Transform("a", "b", NOWHERE, UPRIGHT))
     with pytest.raises(ValueError, match="transform"):
-        tree.add(transform)
+        tree.add_transform(transform)
     assert tree.between("b", "a") == pytest.approx(np.eye(4))
 
 
@@ -165,7 +165,7 @@ def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
     """Neither a frame that is right as it is, nor one that would have to be turned."""
     for wanted in ("", "tibia_isb"):
         frame = ForceFrame(wanted)
-        frame.turned(wrench("tibia", (math.nan, math.nan, math.nan)), b"")
+        frame.turn_wrench(wrench("tibia", (math.nan, math.nan, math.nan)), b"")
         take(frame, wrench(wanted or "other", (0.0, -1.0, 0.0)))
         assert refusal(frame, wrench("tibia", NOWHERE)).reason == "frame_changed"
         assert not frame.take_turn_note()

@@ -85,8 +85,10 @@ def found(samples: Samples, cuts: tuple[int, ...] = ()) -> list[GaitEvent]:
     finder, events = GaitEvents(BODY_WEIGHT), []
     edges = [0, *sorted(cuts), len(samples[0])]
     for begin, end in pairwise(edges):
-        events += finder.add(samples[0][begin:end], samples[1][begin:end], samples[2][begin:end])
-    return events + finder.finish()
+        events += finder.add_samples(
+            samples[0][begin:end], samples[1][begin:end], samples[2][begin:end]
+        )
+    return events + finder.finish_events()
 
 
 def times(events: list[GaitEvent], kind: str) -> list[float]:

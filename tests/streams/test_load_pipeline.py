@@ -87,7 +87,7 @@ ROUNDING = 1e-8
 def test_the_reaction_is_in_the_tibia_frame_that_is_asked_for() -> None:
     answer, _ = take(pipeline(WHOLE_LEG | {"frame.tibia": "shank_isb"}), walk(2))
     estimate = answer.estimate
-    assert WRENCH.read(answer.reaction, "")[0] == (
+    assert WRENCH.read_message(answer.reaction, "")[0] == (
         0,
         "shank_isb",
         (0.0, -estimate.axial_force, 0.0),

@@ -93,7 +93,7 @@ class Kind(NamedTuple):
     example: Any
 
     def decode(self, data: Any) -> Any:
-        decoded = self.coder.decode(data)
+        decoded = self.coder.decode_message(data)
         return decoded and decoded[0]
 
     def rosbags_bytes(self, message: Any, little_endian: bool = True) -> bytes:
@@ -168,14 +168,14 @@ def test_what_ros_and_rosbags_write_is_read_and_written_as_rosbags_does(
     case: tuple[Kind, Any],
 ) -> None:
     kind, message = case
-    written = kind.coder.encode(message)
+    written = kind.coder.encode_message(message)
     assert written == kind.rosbags_bytes(message)
     from_ros, big_endian = (
         kind.ros_bytes(message),
         kind.rosbags_bytes(message, little_endian=False),
     )
     for data in (written, from_ros, bytearray(from_ros), memoryview(from_ros), big_endian):
-        read, recorded = kind.coder.decode(data)
+        read, recorded = kind.coder.decode_message(data)
         assert type(read) is type(message)
         assert bits(read) == bits(message) == bits(kind.ros_decode(bytes(data)))
         assert recorded == written
@@ -219,9 +219,9 @@ def test_every_byte_matters_to_us_as_it_does_to_ros(kind: Kind, little_endian: b
 def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(
     kind: Kind, text: bytes
 ) -> None:
-    data = kind.coder.encode(kind.example._replace(frame_id="tibia_r"))
+    data = kind.coder.encode_message(kind.example._replace(frame_id="tibia_r"))
     for _ in range(2):
-        read, recorded = kind.coder.decode(data[:16] + text + data[23:])
+        read, recorded = kind.coder.decode_message(data[:16] + text + data[23:])
         assert "\ufffd" in read.frame_id
         assert read == kind.ros_decode(data[:16] + text + data[23:])
         assert recorded == kind.rosbags_bytes(read)
@@ -252,7 +252,7 @@ def test_messages_of_one_length_are_told_apart() -> None:
         JOINT_STATE._replace(position=(), velocity=(1.0, 2.0, 3.0)),
         JOINT_STATE._replace(position=(7.0,), velocity=(1.0, 2.0)),
     ]
-    coded = [(coding.JOINT_STATE.encode(message), message) for message in messages]
+    coded = [(coding.JOINT_STATE.encode_message(message), message) for message in messages]
     assert len({len(data) for data, _ in coded[:3]}) == 1
     for data, message in coded * 2:
         assert STATES.decode(data) == message
@@ -280,8 +280,8 @@ def test_an_answer_is_written_as_publish_and_rosbags_do(
 @pytest.mark.parametrize("stamp", [FIRST_STAMP - 1, LAST_STAMP + 1])
 def test_a_stamp_that_no_message_can_hold_is_refused(stamp: int) -> None:
     for encode in (
-        lambda: coding.JOINT_STATE.encode(JOINT_STATE._replace(stamp=stamp)),
-        lambda: coding.WRENCH.encode(WRENCH._replace(stamp=stamp)),
+        lambda: coding.JOINT_STATE.encode_message(JOINT_STATE._replace(stamp=stamp)),
+        lambda: coding.WRENCH.encode_message(WRENCH._replace(stamp=stamp)),
         lambda: encode_answer(stamp, "tibia_r", CONTACT.tobytes()),
         lambda: encode_answer_wrench(stamp, "tibia_r", CONTACT.tobytes()),
     ):
@@ -290,7 +290,7 @@ def test_a_stamp_that_no_message_can_hold_is_refused(stamp: int) -> None:
 
 
 def test_nanoseconds_of_more_than_a_second_are_read_and_carried_over() -> None:
-    data = bytearray(coding.WRENCH.encode(WRENCH))
+    data = bytearray(coding.WRENCH.encode_message(WRENCH))
     data[4:12] = struct.pack("<iI", -3, 2**32 - 1)
     read = WRENCH._replace(stamp=-3 * SECOND + 2**32 - 1)
-    assert coding.WRENCH.decode(data) == (read, coding.WRENCH.encode(read))
+    assert coding.WRENCH.decode_message(data) == (read, coding.WRENCH.encode_message(read))

@@ -104,10 +104,10 @@ def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size: int) 
     stream, found, late = Strides(BODY_WEIGHT), list[Stride](), list[float]()
     for begin in range(0, len(twice), size):
         batch = twice[begin : begin + size]
-        new = stream.add(batch)
+        new = stream.add_answers(batch)
         found += new
         late += [(batch["stamp"][-1] - each.span.end) / SECOND for each in new if size == 1]
-    found += stream.finish()
+    found += stream.finish_strides()
     assert found == 2 * strides_of(series, BODY_WEIGHT)
     assert all(each.peak_depth > 0.0 for each in found)
     assert [each.peak_force for each in found[:6]] == pytest.approx(

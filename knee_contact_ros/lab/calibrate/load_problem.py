@@ -177,7 +177,7 @@ def _reference(bag: Bag, topic: str) -> tuple[NDArray[np.int64], Floats, Counter
     forces = dict[int, float]()
     for message in reader.raw_messages():
         try:
-            sample = load_sample(WRENCH.read(message.data, JOINT_REACTION_FORCE)[0])
+            sample = load_sample(WRENCH.read_message(message.data, JOINT_REACTION_FORCE)[0])
         except RefusedSampleError as error:
             refused[error.reason] += 1
             continue

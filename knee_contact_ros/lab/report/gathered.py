@@ -142,7 +142,7 @@ class Gathered:
         """
         self.columns = {**columns, "status": columns["status"].astype(np.int64)}
         self.doubts = doubts
-        doubts.add_all(self.columns)
+        doubts.add_answers(self.columns)
         stamps = columns["stamp"]
         steps = np.diff(stamps, prepend=stamps[0])
         self.elapsed = stamps - stamps[0] - np.cumsum(np.minimum(steps, 0))
@@ -213,8 +213,8 @@ def seconds(stamp: int) -> str:
 def _events_in(part: Mapping[str, NDArray[Any]], body_weight: float) -> list[GaitEvent]:
     """Find the gait events of answers without gaps, in the order of time."""
     finder = GaitEvents(body_weight)
-    found = finder.add(part["stamp"], part["flexion_angle"], part["load"])
-    return sorted(found + finder.finish())
+    found = finder.add_samples(part["stamp"], part["flexion_angle"], part["load"])
+    return sorted(found + finder.finish_events())
 
 
 def _event_row(
