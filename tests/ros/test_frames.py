@@ -28,7 +28,7 @@ from knee_contact_ros.streams.frames import (
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.offline import solve
 from tests.helpers.walking import FORCE, walk
-from tests.offline.test_sources import DYNAMIC_JOINT_STATE, STORE, answers, dynamic
+from tests.offline.test_sources import DYNAMIC_JOINT_STATE_TYPE, STORE, answers, dynamic
 from tests.ros.conftest import Peer, Start
 
 STEP = 5_000_000
@@ -123,7 +123,7 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
     publisher.publish(b"\0\1\0\0\xff")
     for i in range(20):
         publisher.publish(
-            bytes(STORE.serialize_cdr(dynamic(i * STEP, 0.01 * i, 0.0), DYNAMIC_JOINT_STATE))
+            bytes(STORE.serialize_cdr(dynamic(i * STEP, 0.01 * i, 0.0), DYNAMIC_JOINT_STATE_TYPE))
         )
         send_force(peer, i * STEP, "tibia_r", (0.0, -700.0, 0.0))
     peer.wait_until(lambda: len(peer.contacts) == 20)
