@@ -52,6 +52,7 @@ def static_depth(
     """
     if force <= 0.0:
         return 0.0, 0
+    # The deepest layer whose beginning carries less than the force, and what the layers above it carry [N].
     evaluations, layer, base = 0, 1, 0.0
     for index in range(2, len(law) - 1):
         evaluations += 1
@@ -75,14 +76,11 @@ def static_depth(
         else:
             low = depth
         newton = depth - (value - force) / slope if slope > 0.0 else low
-        if (
-            slope > 0.0
-            and value > base
-            and not 0.5 * (force - base) < value - base < 2.0 * (force - base)
-        ):
+        in_layer, wanted = value - base, force - base
+        if slope > 0.0 and value > base and not 0.5 * wanted < in_layer < 2.0 * wanted:
             # Far away the force is nearly a power of the depth in the layer, which this solves at once.
-            exponent = (value - base) / (slope * (depth - begin))
-            newton = begin + (depth - begin) * ((force - base) / (value - base)) ** exponent
+            exponent = in_layer / (slope * (depth - begin))
+            newton = begin + (depth - begin) * (wanted / in_layer) ** exponent
         following = newton if low < newton < high else 0.5 * (low + high)
         correction = abs(following - depth)
         if newton == depth or not low < following < high or correction <= STATIC_ROUNDING * depth:
