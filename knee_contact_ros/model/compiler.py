@@ -107,31 +107,8 @@ def inlined(function: _Function) -> _Function:
     return in_kernel(function)
 
 
-@cache
-def portable_code() -> str:
-    """Translate `ticks.run`, and all that it calls, into LLVM's language, not optimised; it is named `kernel`.
-
-    Numba is changed for it, and keeps what it has compiled before, so that happens in a process of its own.
-
-    Raises:
-        BuildError: Numba is missing, or the code depends on this machine.
-    """
-    if not importlib.util.find_spec("numba"):
-        raise BuildError("Numba is not installed")
-    sys.stderr.write("knee_contact_ros: building the compiled model, once (some 8 s)\n")
-    code = f"from {__name__} import translate; print(translate())"
-    made = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
-    )
-    if made.returncode:
-        raise BuildError(f"Numba: {made.stderr.strip().splitlines()[-1]}")
-    if fixed := HOST_SIZES.search(made.stdout):
-        raise BuildError(f"the code has a size of this machine: {fixed[0]}")
-    return made.stdout
-
-
-def translate() -> str:
-    """Do the work of `portable_code`, in a process that does nothing else.
+def translate(entry: Callable[..., Any], knee: Any) -> str:
+    """Do the work of `kernel.portable_code`, in a process that does nothing else; `knee` is an example of one.
 
     Numba alone would optimise and link each function with all that it calls, again for each caller. Here it only
     translates. It resolves a call with the same types once, instead of again for each of some thousand calls, and takes
@@ -144,8 +121,6 @@ def translate() -> str:
     from numba.core.typeinfer import TypeVar as Variable
     from numba.core.types.functions import BaseFunction
     from numba.types import unliteral
-
-    from knee_contact_ros.model import kernel, ticks
 
     modules: list[Any] = []
 
@@ -174,9 +149,9 @@ def translate() -> str:
     }
     for (owner, name), change in changes.items():
         setattr(owner, name, change)
-    knee, real = kernel.example_knee(), numba.float64
+    real = numba.float64
     _take_by_reference(knee)
-    made = numba_functions(ticks.run)
+    made = numba_functions(entry)
     made.targetctx.codegen()._library_class = Translated
     rows = [kind[:, ::1] for kind in (real, real, numba.uint8, numba.uint32)]
     types = numba.typeof(knee), real[::1], *rows

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib.util
 import logging
 import os
 import struct
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
@@ -22,10 +25,11 @@ import numpy as np
 from knee_contact_ros.model import ticks
 from knee_contact_ros.model.compiler import (
     ENTRY,
+    HOST_SIZES,
     BuildError,
     build,
     host,
-    portable_code,
+    translate,
 )
 from knee_contact_ros.model.contact import KneeConstants
 from knee_contact_ros.model.laws import hertz
@@ -136,6 +140,34 @@ def library() -> Callable[..., int] | None:
     function.argtypes = pointer, pointer, pointer, ctypes.c_int64, pointer
     function.restype = ctypes.c_int32
     return function  # type: ignore[no-any-return]
+
+
+def translated_run() -> str:
+    """Return the code of `portable_code`, from the process that translates it."""
+    return translate(ticks.run, example_knee())
+
+
+@cache
+def portable_code() -> str:
+    """Translate `ticks.run`, and all that it calls, into LLVM's language, not optimised; it is named `kernel`.
+
+    Numba is changed for it, and keeps what it has compiled before, so that happens in a process of its own.
+
+    Raises:
+        BuildError: Numba is missing, or the code depends on this machine.
+    """
+    if not importlib.util.find_spec("numba"):
+        raise BuildError("Numba is not installed")
+    sys.stderr.write("knee_contact_ros: building the compiled model, once (some 8 s)\n")
+    code = f"from {__name__} import translated_run; print(translated_run())"
+    made = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    if made.returncode:
+        raise BuildError(f"Numba: {made.stderr.strip().splitlines()[-1]}")
+    if fixed := HOST_SIZES.search(made.stdout):
+        raise BuildError(f"the code has a size of this machine: {fixed[0]}")
+    return made.stdout
 
 
 def library_file() -> Path:

@@ -18,8 +18,8 @@ from knee_contact_ros.model.compiler import (
     TARGETS,
     BuildError,
     object_code,
-    portable_code,
 )
+from knee_contact_ros.model.kernel import portable_code
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD, LARGEST_TIME, KneeModel
 from knee_contact_ros.model.run_state import AT_BEGUN, STATE_SIZE
 from knee_contact_ros.model.types import (
