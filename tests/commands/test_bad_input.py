@@ -38,7 +38,9 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "--nonsense": "--nonsense: the node takes ROS arguments only, after --ros-args",
         "--ros-args --params-file nowhere.yaml": "nowhere.yaml: cannot read the parameter file",
     },
-    "load": {"--ros-args -p level:=5": WRONG_PARAMETER},
+    "load": {
+        "--ros-args --params-file nowhere.yaml": "nowhere.yaml: cannot read the parameter file",
+    },
     "replay": {
         "nowhere": NO_BAG,
         "": "Missing argument 'BAG'",

@@ -16,6 +16,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from tests import ROOT
 
 pytestmark = [
+    pytest.mark.xdist_group("export"),  # one process translates the model
     pytest.mark.skipif(find_spec("numba") is None, reason="needs the extra compile"),
     pytest.mark.skipif(not shutil.which("cc"), reason="needs Debian: apt install gcc)"),
 ]
