@@ -166,7 +166,7 @@ MUTANTS = (
     Mutant(
         "an angle that waits for a load is old",
         "streams/timeline.py",
-        "stamp <= self.last + self.longest_step // LONG_STEP",
+        "stamp <= self.last + self.step_limit // LONG_STEP",
         "stamp < self.last",
         "streams/test_pairing.py studies/test_pairing.py",
     ),

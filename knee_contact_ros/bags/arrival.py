@@ -23,8 +23,8 @@ JITTER = 0.05
 """Part of a topic's usual step by which log times may go back without meaning anything: a recorder with several threads
 exchanges neighbours. Tuned; tests/offline/test_streams_as_they_are.py would notice"""
 HOLE_FACTOR = 4
-"""Messages after a step back fill a hole if at most one earlier message lies among `HOLE_FACTOR` of them. Tuned; the
-same tests would notice"""
+"""Messages after a step back fill a hole if they are at least this many for each earlier message in their span.
+Tuned; the same tests would notice"""
 UNSORTED_FACTOR = 3
 """A topic of which one in `UNSORTED_FACTOR` steps goes back has no order that could be kept: it is sorted. Tuned"""
 MAX_STEPS_BACK = 10_000

@@ -1,6 +1,7 @@
 """The command `knee-contact`.
 
-Bad input ends it with code 2 and one line, a full disk or a damaged bag with 1, Ctrl-C with 130.
+Bad input ends it with code 2 and one line, work that is done in part (a full disk, a damaged bag) with 1, Ctrl-C with
+130. Commands that need a whole recording, such as `table`, refuse a damaged one with 2.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ def compute_again(
     starts = np.flatnonzero(samples["status"] & Status.TIME_RESET)
     parts = [part for part in np.split(np.asarray(samples), starts) if len(part)]
     seconds = []
-    for _ in range(REPEATS + 1):  # the first run compiles
+    for _ in range(REPEATS + 1):  # the first run warms up
         begin = time.process_time()
         rows = [
             model.stream().advance_all(

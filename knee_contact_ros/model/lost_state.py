@@ -51,11 +51,11 @@ def answer_while_lost(
     """Return the answer to a tick while the exact solution is lost, and find out whether it has been forgotten.
 
     Two bounds of the exact femur are kept, of its speed and of its distance: what it had, what the contact had stored,
-    and what load and surfaces have added. It is forgotten when, without a break, the load has pressed for longer than
-    all flights take, the first one from that distance at that speed and the others after landings, which leave a part
-    of the speed; and then for as many relaxation times of the contact as the tolerance asks for. Where a layer has no
-    dashpot, or the law depends on the impact speed, nothing is forgotten until a reset. How fast the contact has begun
-    stays unknown until the next touch, for a law that is changed to.
+    and what load and surfaces have added. It is forgotten in two steps. First the load must press without a break for
+    longer than all flights take: the first one starts at that distance and speed, and each landing leaves the fraction
+    `deep_restitution` of the speed. Then as many relaxation times of the contact must pass as the tolerance asks for.
+    Where a layer has no dashpot, or the law depends on the impact speed, nothing is forgotten until a reset. The impact
+    speed stays unknown until the next touch; that matters if the law is then changed to one that depends on it.
     """
     mass, stage, h = knee.mass, result.stage, tick.duration
     load = load_at(tick, h)
@@ -71,36 +71,36 @@ def answer_while_lost(
     if not solved:
         if speed == 0.0:
             depth, rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
-            away = height_bound(start.error, math.inf)
-            deepest = max(deepest, depth + away)
-            state[AT_LOST_DISTANCE] = abs(depth) + away
+            error_before = height_bound(start.error, math.inf)
+            deepest = max(deepest, depth + error_before)
+            state[AT_LOST_DISTANCE] = abs(depth) + error_before
             speed = abs(rate / cosine - start.velocity) + velocity_bound(start.error)
             speed += LEAST_LOST_SPEED
         stored = deepest * abs(law_force(knee.law, deepest, 0.0, 0.0)[0])
         speed = math.sqrt(speed * speed + 2.0 * stored / mass)
-    moved = abs(velocity - start.velocity)
+    velocity_change = abs(velocity - start.velocity)
     forgets = solved and not knee.remembers_impact
     for i in range(1, len(knee.law) - 1):
         forgets = forgets and knee.law[i, DAMPING] > 0.0
     if not forgets or least_load <= 0.0 or stage.depth <= 0.0:
-        speed += largest_load * h / mass + moved
+        speed += largest_load * h / mass + velocity_change
         state[AT_LOAD_IMPULSE] = 0.0
         state[AT_STRONGEST_LOAD] = 0.0
         state[AT_RELAXATION_TIMES] = 0.0
     else:
-        speed += abs(load - tick.load) / math.sqrt(stage.stiffness * mass) + moved
+        speed += abs(load - tick.load) / math.sqrt(stage.stiffness * mass) + velocity_change
         restitution = deep_restitution(knee, stage.depth, stage.stiffness, speed)
         state[AT_LOAD_IMPULSE] += least_load * h / mass
         state[AT_STRONGEST_LOAD] = max(state[AT_STRONGEST_LOAD], largest_load)
         fall = 2.0 * state[AT_STRONGEST_LOAD] / mass * state[AT_LOST_DISTANCE]
         landing = math.sqrt(speed * speed + fall)
-        # The flights after the first one last as long as a geometric series of landings says.
-        longest = speed + landing * (1.0 + restitution) / (1.0 - restitution)
-        if state[AT_LOAD_IMPULSE] > longest:
+        # Impulse of the load, over the mass [m/s], that ends all flights: a geometric series of landings
+        flights = speed + landing * (1.0 + restitution) / (1.0 - restitution)
+        if state[AT_LOAD_IMPULSE] > flights:
             decay, _ = eigenvalues(stage.stiffness, stage.damping, mass)
             state[AT_RELAXATION_TIMES] += h * decay
-            away = max(stage.depth, speed * math.sqrt(mass / stage.stiffness))
-            wanted = math.log(1.0 + away / (FORGOTTEN_SHARE * knee.tolerance))
+            swing = max(stage.depth, speed * math.sqrt(mass / stage.stiffness))
+            wanted = math.log(1.0 + swing / (FORGOTTEN_SHARE * knee.tolerance))
             if state[AT_RELAXATION_TIMES] > wanted:
                 return known_again(knee, state, result, landing)
     state[AT_LOST_SPEED] = min(speed, LARGEST_ERROR)
@@ -112,7 +112,7 @@ def answer_while_lost(
         result.force,
         max(result.estimate, float(state[AT_LOST_DISTANCE])),
         result.force_estimate,
-        result.evaluations + 2,
+        result.evaluations + 2,  # of the stored energy, and of the deep contact
         False,
     )
 
@@ -132,7 +132,10 @@ def deep_restitution(knee: KneeConstants, depth: float, stiffness: float, speed:
 
 @in_kernel
 def known_again(knee: KneeConstants, state: Floats, result: Result, landing: float) -> Result:
-    """Return the answer to a tick by which the lost solution is forgotten; the last `landing` [m/s] stays unknown."""
+    """Return the answer to a tick by which the lost solution is forgotten.
+
+    The impact speed stays unknown by `landing` [m/s].
+    """
     state[AT_LOST_SPEED] = 0.0
     state[AT_LOST_DISTANCE] = 0.0
     state[AT_LOAD_IMPULSE] = 0.0

@@ -209,7 +209,7 @@ class ContactSession(Session):
         markers = KneeMarkers(outlines_of_compartments(models, knees, parameters.body_weight))
         self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
         self._strides = StrideTopic(self._publishers[KNEE_CONTACT_STRIDE], parameters.body_weight)
-        self._regular_acts += [
+        self._timed_calls += [
             (MARKER_PERIOD, self._markers.publish_markers),
             (STRIDE_PERIOD, self._strides.publish_strides),
             (ANSWER_CHECK_PERIOD, health.check_answers),

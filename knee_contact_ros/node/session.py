@@ -84,7 +84,7 @@ class Session(ABC):
         """Publishers by their topics"""
         self._services: list[Any] = []
         self._timers: list[Any] = []
-        self._regular_acts: list[tuple[float, Callable[[], object]]] = [
+        self._timed_calls: list[tuple[float, Callable[[], object]]] = [
             (self._wait_period, self._on_wait_timer),
             (DIAGNOSTICS_PERIOD, self._publish_diagnostics),
             (ANGLE_CHECK_PERIOD, pipeline.angle_conflict.check_samples),
@@ -124,20 +124,22 @@ class Session(ABC):
             limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout
         )
         convert_angle, convert_force = converters(self.parameters, installed_types)
-        first = self.node, angles.topic, self._on_joint_state, angle_meter
-        second = self.node, forces.topic, self._on_force, force_meter
+        angle_arguments = self.node, angles.topic, self._on_joint_state, angle_meter
+        force_arguments = self.node, forces.topic, self._on_force, force_meter
         if handed and forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED_TYPE):
             fault = f"parameter {by}: {forces.topic!r} is not allowed with --with-contact: the force comes from the"
             raise UsageError(f"{fault} load node; leave it out, or run `knee-contact node`")
         if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):
-            angle_input = Input(*first, handed=handed.angles)
+            angle_input = Input(*angle_arguments, handed=handed.angles)
         else:
             angle_input = Input(
-                *first, message_class(angles, "knee.source"), qos_given, convert_angle
+                *angle_arguments, message_class(angles, "knee.source"), qos_given, convert_angle
             )
         if handed:
-            return angle_input, Input(*second, handed=handed.forces)
-        return angle_input, Input(*second, message_class(forces, by), qos_given, convert_force)
+            return angle_input, Input(*force_arguments, handed=handed.forces)
+        return angle_input, Input(
+            *force_arguments, message_class(forces, by), qos_given, convert_force
+        )
 
     def _advertise(self, topics: Mapping[str, tuple[Any, int]]) -> None:
         """Advertise topics, each with its type and depth, and the diagnostics.
@@ -190,7 +192,7 @@ class Session(ABC):
             stream.meter.restart()
             stream.start_listening()
         self.health.counts.start_timer()
-        for period, act in self._regular_acts:
+        for period, act in self._timed_calls:
             self._timers.append(self.node.create_timer(period, act, clock=STEADY))
 
     @property

@@ -109,7 +109,7 @@ class Timeline(Generic[S]):
         """Number of jumps of the stream"""
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
-        self.longest_step = max_gap
+        self.step_limit = max_gap
         """Longest step [ns] that continues the stream"""
         self._max_gap = max_gap
         self._max_held_back = max_held_back
@@ -127,7 +127,7 @@ class Timeline(Generic[S]):
         is_late = False
         if last is not None:
             step = stamp - last
-            continues = 0 < step <= self.longest_step
+            continues = 0 < step <= self.step_limit
             if continues or (step > 0 and other.has_reached(stamp)):
                 between: list[S] = []
                 if held_back and not (continues and self._has_jumped_to(other)):
@@ -137,6 +137,7 @@ class Timeline(Generic[S]):
                         self._advance_to(one.stamp)
                 self._advance_to(stamp)
                 return [*between, sample]
+            # Behind the last one, but not if it goes on from those held back
             is_late = -self._max_gap <= step <= 0 and not (
                 held_back and stamp > held_back[-1].stamp
             )
@@ -162,7 +163,7 @@ class Timeline(Generic[S]):
 
     def has_reached(self, stamp: int) -> bool:
         """Whether a stamp [ns] is at or before the expected next sample of this stream."""
-        return self.last is not None and stamp <= self.last + self.longest_step // LONG_STEP
+        return self.last is not None and stamp <= self.last + self.step_limit // LONG_STEP
 
     def accept_held_back(self, number: int | None = None) -> list[S]:
         """Accept the oldest samples of those held back, or all of them; return them."""
@@ -173,7 +174,7 @@ class Timeline(Generic[S]):
         for sample in accepted:
             if self.last is not None:
                 self.jumps += not 0 < sample.stamp - self.last <= self._max_gap
-                if sample.stamp <= self.last:  # the jumps on the way there are no steps
+                if sample.stamp <= self.last:  # steps longer than `max_gap` came from jumps
                     steps = [step for step in self.steps if step <= self._max_gap]
                     self.resume(self.last, steps)
             self._advance_to(sample.stamp)
@@ -183,7 +184,7 @@ class Timeline(Generic[S]):
         """Continue after samples up to a stamp [ns] with these last steps [ns], with none held back."""
         self.last = last
         self.steps = deque(steps, maxlen=STEPS)
-        self.longest_step = LONG_STEP * _usual_step(self.steps) if self.steps else self._max_gap
+        self.step_limit = LONG_STEP * _usual_step(self.steps) if self.steps else self._max_gap
 
     def clear_stream(self) -> None:
         """Forget everything; the samples that were held back are rejected."""
@@ -200,7 +201,7 @@ class Timeline(Generic[S]):
         """Whether a sample belongs to those held back but is late; otherwise the stream does not continue there."""
         first = self.held_back[0].stamp
         newest = self.held_back[-1].stamp
-        begin = first - self.longest_step
+        begin = first - self.step_limit
         if len(self.held_back) > JUMP_SAMPLES and self.last is not None and self.last < first:
             begin = self.last
         is_within = stamp >= max(begin, newest - self._max_gap)
@@ -225,7 +226,7 @@ class Timeline(Generic[S]):
         # Else the oldest that are not far from each other or from the other stream.
         last = self.last
         for number, sample in enumerate(held_back):
-            continues = last is not None and last < sample.stamp <= last + self.longest_step
+            continues = last is not None and last < sample.stamp <= last + self.step_limit
             is_later = last is None or last < sample.stamp
             if not (continues or (is_later and other.has_reached(sample.stamp))):
                 return number
@@ -250,12 +251,12 @@ class Timeline(Generic[S]):
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
             # Sorting is left out while neither the new step nor the dropped one can be among the two longest.
-            shortest = self.longest_step // LONG_STEP
+            shortest = self.step_limit // LONG_STEP
             if step >= shortest or dropped >= shortest or len(steps) <= 2:
-                self.longest_step = LONG_STEP * _usual_step(steps)
+                self.step_limit = LONG_STEP * _usual_step(steps)
         self.last = stamp
 
 
 def _usual_step(steps: deque[int]) -> int:
     """Second longest step [ns], as the longest may be a pause; the only one if there is one."""
-    return sorted(steps)[-2:][0]
+    return sorted(steps)[-2] if len(steps) > 1 else steps[0]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import re
+from importlib import import_module
 from pathlib import Path
 
 import click
@@ -21,6 +22,10 @@ OLD_OPTIONS = Path(__file__).with_name("options_of_1.0.0.txt")
 COMMANDS = ROOT / "knee_contact_ros" / "commands"
 WITH_WORK = {"demo", "player", "replay", "tables", "view"}
 """Modules of `commands/` that do more than declare commands: they drive ROS and viewers, and print"""
+DECLARING = ("live", "offline", "lab")
+"""Modules of `commands/` that declare commands"""
+HELPERS = {"invoke", "merged_bags"}
+"""Functions beside commands that do work: of click; a folder of links, in which several bags are one"""
 MAX_STATEMENTS = 30
 NUMERIC = ("numpy", "scipy", "pandas", "polars", "xarray")
 REDUCTIONS = {"max", "min", "mean", "sum", "argmax", "argmin", "std"}
@@ -65,29 +70,34 @@ def work_in(function: ast.FunctionDef) -> list[str]:
     return [f"line {node.lineno}: {ast.unparse(node)}" for node in found] + too_long
 
 
-def functions_with(path: Path, decorator: str) -> list[ast.FunctionDef]:
-    """Return the functions of a module with this decorator."""
-    return [
-        node
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef)
-        and any(decorator in ast.unparse(each) for each in node.decorator_list)
-    ]
+def functions_in(path: Path) -> list[ast.FunctionDef]:
+    """Return the functions of a module, of which some are commands."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
 
 
-@pytest.mark.parametrize("path", [*COMMANDS.glob("*.py")], ids=lambda path: path.stem)
-def test_a_command_does_no_work_itself(path: Path) -> None:
-    """It reads its options, calls another room, and says what that has returned."""
-    for function in functions_with(path, "click.command"):
-        assert path.stem not in WITH_WORK, f"declare {function.name} in live, offline or lab"
-        work = work_in(function)
+@pytest.mark.parametrize("name", DECLARING)
+def test_a_command_does_no_work_itself(name: str) -> None:
+    """It reads its options, calls another room, and says what that has returned; nor does a function beside it."""
+    for function in functions_in(COMMANDS / f"{name}.py"):
+        work = [] if function.name in HELPERS else work_in(function)
         assert not work, (
-            f"{path.name}: the command {function.name} does work, which belongs into another room "
+            f"{name}.py: {function.name} does work, which belongs into another room "
             f"(CONTRIBUTING.md, A new command): {work}"
+        )
+
+
+def test_every_command_is_in_a_group() -> None:
+    for name in (*DECLARING, *WITH_WORK):
+        module = import_module(f"knee_contact_ros.commands.{name}")
+        declared = {one.name for one in vars(module).values() if isinstance(one, click.Command)}
+        missing = declared - knee_contact.commands.keys()
+        assert not missing, (
+            f"{missing} of commands/{name}.py: a group of GROUPS in main.py names it"
         )
 
 
 def test_modules_with_work_are_known() -> None:
     others = {path.stem for path in COMMANDS.glob("*.py")} - WITH_WORK
-    new = others - {"__init__", "main", "options", "live", "offline", "lab"}
+    new = others - {"__init__", "main", "options", *DECLARING}
     assert not new, f"commands/{new}: what a command does lies in another room (CONTRIBUTING.md)"
