@@ -159,7 +159,8 @@ def portable_code() -> str:
     if not importlib.util.find_spec("numba"):
         raise BuildError("Numba is not installed")
     sys.stderr.write("knee_contact_ros: building the compiled model, once (some 8 s)\n")
-    code = f"from {__name__} import translated_run; print(translated_run())"
+    # By its full name: this module may be the one that was started.
+    code = "from knee_contact_ros.model.kernel import translated_run; print(translated_run())"
     made = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
@@ -236,4 +237,5 @@ def is_built() -> bool:
 
 
 if __name__ == "__main__":
-    library_file()
+    with suppress(BuildError, OSError):  # `library` says it to who needs one
+        library_file()

@@ -11,9 +11,11 @@ Parameters: `parameters/schema.py`.
 from __future__ import annotations
 
 import math
+import os
+import signal
 import time
 from collections.abc import Callable, Collection
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from importlib.util import find_spec
 from typing import Any
 
@@ -240,7 +242,8 @@ class ContactSession(Session):
                 with interrupting():
                     process.wait()
             finally:
-                process.kill()
+                with suppress(ProcessLookupError):  # it has ended
+                    os.killpg(process.pid, signal.SIGKILL)  # with the process that translates
                 process.wait()
         with interrupting():
             self.pipeline.compile_model()
