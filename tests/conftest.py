@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from knee_contact_ros.model.kernel import library
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 from tests.helpers.browser import started_browser
@@ -50,6 +51,12 @@ def pytest_make_parametrize_id(val: object) -> str | None:
         if isinstance(val, str | bytes) and len(val) > LONGEST_NAME
         else None
     )
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Build the model, if it was edited, once and before all workers, whose tests would wait for it."""
+    if not hasattr(session.config, "workerinput"):
+        library()
 
 
 @pytest.hookimpl(tryfirst=True)
