@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-SECONDS = 30.0
+SECONDS = 90.0
 """[s] on an idle machine, where discovery and the start of a node take up to 5"""
 COUNT = 1_000_000
 """Numbers that are added to measure the machine"""

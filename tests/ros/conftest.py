@@ -146,6 +146,10 @@ class NodeProcess:
         return self.process.wait(patience()), own_words(output)
 
 
+SETTLING = 0.25
+"""Time [s] in which a node finds us, too; without it, its first answers were lost once in a while"""
+
+
 class Peer:
     """Publishes samples and listens to answers."""
 
@@ -206,6 +210,7 @@ class Peer:
                 and self.node.count_publishers("/diagnostics")
             )
         )
+        self.spin(SETTLING)
 
     def client(self, service_type: type, name: str) -> Any:
         """Get a client of a service that the node knows, too: it cannot answer one of whom it has yet to hear."""
