@@ -160,7 +160,7 @@ def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
     )
     others = {
         name
-        for name in packed - ours
+        for name in packed - modules
         if not name.startswith((*tops, f"{PACKAGE}-{__version__}.dist-info/"))
     }
     assert others == set()
