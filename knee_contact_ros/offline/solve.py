@@ -79,6 +79,7 @@ def solve(
         pipeline.resume_recording(recording.ticks_before)
     elif parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
+    pipeline.doubts.about_import = bag.doubts
     summary = _empty_summary(pipeline)
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
