@@ -187,7 +187,9 @@ def test_a_number_turns_forces_without_transforms(
     node.stop()
     how = read_provenance(recording)
     solve(recording, how, tmp_path / "again.mcap")
-    solve(recording, load_parameters({"load.rotation": [-math.pi / 2, 0.0, 0.0]}), tmp_path / "new")
+    solve(
+        recording, load_parameters({"load.rotation": [-math.pi / 2, 0.0, 0.0]}), tmp_path / "new"
+    )
     first, again, new = (
         answers(path) for path in (recording, tmp_path / "again.mcap", tmp_path / "new")
     )
