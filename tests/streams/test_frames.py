@@ -29,7 +29,6 @@ from knee_contact_ros.streams.messages import (
 )
 from knee_contact_ros.system.errors import UsageError
 
-Vector = tuple[float, float, float]
 NOWHERE = (0.0, 0.0, 0.0)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 ROUNDING = 1e-12
