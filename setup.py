@@ -87,6 +87,8 @@ class InstallMessages(install_data):
             *stage.glob(f"lib/{PACKAGE}/*"),
             *modules.glob("*.so"),
             *modules.glob("msg/*.py"),
+            *modules.parent.glob("tf2_msgs/**/*.py"),
+            *modules.parent.glob("tf2_msgs/*.so"),
             *(path for path in stage.glob("share/**/*") if path.is_file()),
         ]
         for part in parts:
