@@ -172,6 +172,7 @@ class InstallFiles(install_data):
                 *stage.glob(f"lib/{PACKAGE}/*"),
                 *modules.glob("*.so"),
                 *modules.glob("msg/*.py"),
+                *modules.parent.glob("tf2_msgs/**/*"),
                 *stage.glob("share/**/*"),
             )
         else:

@@ -151,6 +151,8 @@ def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
             "share/ament_index/",
             f"lib/{PACKAGE}/",
             f"lib/lib{PACKAGE}__",
+            "lib/libtf2_msgs__",
+            "share/tf2_msgs/",
             "lib/python",
         )
     )
