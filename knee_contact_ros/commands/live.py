@@ -1,4 +1,4 @@
-"""Commands that need ROS: demo, node, load, replay."""
+"""Commands that need ROS: demo, node, load, watch, replay."""
 
 from __future__ import annotations
 
@@ -201,6 +201,28 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     from knee_contact_ros.node.load_node import LOAD_NODE, load_and_contact
 
     run_kinds(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
+
+
+@click.command()
+@click.argument("name", metavar="[NODE]", default="")
+@click.option(
+    "--once",
+    is_flag=True,
+    help="Print one report, as soon as all is known; the exit code is 1 if the "
+    "newest answer is not usable.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units, a line a second.")
+@number_option("--wait", 0.1, 3600.0, 10.0, "With --once: wait for at most this long [s].")
+def watch(name: str, once: bool, as_json: bool, wait: float) -> None:
+    """Show what a running node hears and says, until Ctrl-C.
+
+    NODE is its name, such as left/knee_contact; without it the only node with contacts is shown. On a terminal the
+    picture stays in its place; elsewhere it is a line a second.
+    """
+    check_ros()
+    from knee_contact_ros.commands.watch import run_watch
+
+    run_watch(name, once, as_json, wait)
 
 
 class OptionalClockRate(click.Command):

@@ -104,7 +104,19 @@ class ContactHealth(Health):
         super().__init__(node, parameters, pipeline)
         self.rows: list[bytes] = []
         """Rows of the answers that are not checked yet, those of one answer behind each other"""
+        self.newest = np.zeros(0, ROW).view(FLAT)
+        """Answers of the compartments at the last checked tick"""
         self._contacts = pipeline
+
+    def newest_words(self) -> list[str]:
+        """Words about the contact force of each compartment at the newest tick."""
+        self.check_answers()
+        return [
+            f"{compartment.topic}: {force:.0f} N"
+            for compartment, force in zip(
+                self._contacts.compartments, self.newest["contact_force"].tolist(), strict=False
+            )
+        ]
 
     def check_answers(self) -> None:
         """Look for implausible answers among those since the last call."""
@@ -113,6 +125,7 @@ class ContactHealth(Health):
         if not len(rows):
             return
         compartments = self._contacts.compartments
+        self.newest = rows[-len(compartments) :]
         for number, compartment in enumerate(compartments):
             compartment.doubts.add_answers(rows[number :: len(compartments)])
 

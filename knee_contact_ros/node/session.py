@@ -334,6 +334,7 @@ class Session(ABC):
         self.health.counts.note_timer(self._wait_period)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
+        self.health.tell_first_second(self.inputs)
         for stream in self.inputs:
             stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through
