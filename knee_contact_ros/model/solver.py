@@ -54,7 +54,6 @@ from knee_contact_ros.model.error_estimate import (
     with_step_error,
 )
 from knee_contact_ros.model.events import (
-    MAX_PROBES,
     end_on_boundary,
     probe_flight,
     smooth_stretch,
@@ -108,24 +107,26 @@ class Touch(NamedTuple):
 
 @inlined
 def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -> Result:
-    """Carry the femur over the interval with at most `most` evaluations of the contact law."""
+    """Carry the femur over the interval with at most `most` evaluations of the contact."""
     mode = Mode(knee, tick, APART, False, 0.0)
     motion = Motion(
         0.0, start.height, start.velocity, stage_at(mode, 0.0, start.height, start.velocity)
     )
     touch = Touch(start.impact_speed, start.impact_error, 0.0, 0.0)
     error, try_step = start.error, start.try_step
-    stretch_end, next_stretch, used, probed, events, given_up = 0.0, 0.0, 0, 0, 0, False
+    stretch_end, next_stretch, used, events, given_up = 0.0, 0.0, 0, 0, False
     while motion.time < tick.duration and not given_up:
         if motion.time >= stretch_end:
             if next_stretch > motion.time:
                 motion = over_kink(mode, motion, next_stretch)
+                used += 1
             stretch_end, next_stretch = tick.duration, tick.duration
             if len(knee.surfaces.kinks) > 0:
                 stretch_end, next_stretch = smooth_stretch(knee, tick, motion.time)
             mode, motion, touch = begin_stretch(mode, motion, error, touch)
             if mode.layer > APART:
                 used += 1
+        # A tick is given up between two steps: a step that is not finished has no state to answer with.
         if used + STEP_RESERVE >= most:
             break
         begin, factor = motion, 1.0
@@ -134,10 +135,9 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
                 mode, begin, stretch_end, try_step, most - used
             )
         else:
-            step, h, boundary, evaluations, probes, given_up = flight(
-                mode, begin, stretch_end, most - used, MAX_PROBES - probed
+            step, h, boundary, evaluations, given_up = flight(
+                mode, begin, stretch_end, most - used
             )
-            probed += probes
         used += evaluations
         if given_up:
             break
@@ -145,6 +145,7 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
         if h == stretch_end - begin.time:
             end = stretch_end  # exactly, whatever the rounding of the sum
         _, height, velocity, stage = begin
+        # A step of length 0 goes straight across its boundary, and leaves height, velocity and error as they are.
         if h > 0.0:
             height, velocity, stage = step.height, step.velocity, step.end
             if step.implicit:
@@ -154,6 +155,7 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
             error = error_after_step(mode, begin, step, h, error, factor)
             if knee.remembers_impact and mode.pressing:
                 error, touch = with_impact_doubt(mode, begin, step, stage, h, error, touch)
+                # The doubt of the force takes two evaluations of the law at each end of the step.
                 if touch.error > 0.0:
                     used += 4
         motion = Motion(end, height, velocity, stage)
@@ -234,6 +236,7 @@ def pressed_step(
     h, used, boundary, factor = min(try_step, remaining), 0, NO_BOUNDARY, 1.0
     stiff = radius * h > MAX_EXPLICIT_STEP
     if stiff and radius * remaining <= MAX_EXPLICIT_STEPS * MAX_EXPLICIT_STEP:
+        # Equal steps, as a short last one would cost as much as the others.
         h = remaining / math.ceil(radius * remaining / MAX_EXPLICIT_STEP)
     while True:
         if radius * h <= MAX_EXPLICIT_STEP:
@@ -250,11 +253,14 @@ def pressed_step(
         has_knots = surfaces.non_convex > 0.0 or surfaces.knot_spacing < math.inf
         if has_knots and not step.implicit:
             factor = SINGULAR_ERROR_FACTOR
+        # Below the rounding of the time no shorter step can be better.
         if used + STEP_RESERVE >= room or not until + h > until:
             return step, h, NO_BOUNDARY, try_step, used, True, factor
+    # A step that only the end of the stretch has limited says nothing against longer ones.
     try_step = h * change if h < remaining else max(try_step, h * change)
     given_up = False
     # Ended on one boundary, a step may have crossed another before: a dashpot pulls before the surfaces part.
+    # Steps are shortened by the boundary after their error has been accepted: a shorter step is more accurate still.
     while NO_BOUNDARY < step.boundary != boundary and h > 0.0 and not given_up:
         given_up = used + STEP_RESERVE >= room
         if not given_up:
@@ -268,27 +274,21 @@ def pressed_step(
 
 @inlined
 def flight(
-    mode: Mode, begin: Motion, until: float, room: int, probes_left: int
-) -> tuple[Step, float, int, int, int, bool]:
+    mode: Mode, begin: Motion, until: float, room: int
+) -> tuple[Step, float, int, int, bool]:
     """Fly towards `until` [s] and end on the first boundary.
 
-    Returns the step, its duration [s], the boundary, the evaluations, the probes that count against `probes_left`, and
-    whether the tick must be given up. Apart, a probe evaluates no law, so that only their number is limited.
+    Returns the step, its duration [s], the boundary, the evaluations, and whether the tick must be given up. A probe
+    counts as an evaluation also where the surfaces are apart: on measured surfaces their distance is most of the work.
     """
-    apart, h = mode.layer == APART, until - begin.time
-    limit = probes_left if apart else min(MAX_PROBES, room - STEP_RESERVE)
-    low, high, before, boundary, probes = probe_flight(mode, begin, h, limit)
-    used = 0 if apart else probes
-    counted = probes if apart else 0
-    if boundary == NO_BOUNDARY or probes >= limit:
-        step = flight_step(mode, begin, h)
-        return step, h, NO_BOUNDARY, used, counted, probes >= limit
+    h, limit = until - begin.time, room - STEP_RESERVE
+    low, high, before, boundary, used = probe_flight(mode, begin, h, limit)
+    if boundary == NO_BOUNDARY or used >= limit:
+        return flight_step(mode, begin, h), h, NO_BOUNDARY, used, used >= limit
     step, h, boundary, evaluations = end_on_boundary(
         mode, begin, low, high, before, boundary, room - used
     )
-    if not apart:
-        used += evaluations
-    return step, h, boundary, used, counted, False
+    return step, h, boundary, used + evaluations, False
 
 
 @inlined
@@ -297,6 +297,7 @@ def error_after_step(
 ) -> Error:
     """Return the error after a step of `h` [s] to a contact: the propagated one and the step's own, times `factor`."""
     if not mode.pressing:
+        # No spring and no dashpot: the error of the velocity moves the height, and nothing decays.
         flown = mapped(error, 1.0, h, 0.0, 1.0)
         return with_independent_bound(flown, step.height_error, 0.0)
     mass, k, c = mode.knee.mass, step.stiffness, step.damping
@@ -374,6 +375,7 @@ def cross(
         mode, motion = entered(mode, motion)
     if layer == APART:
         touch = Touch(math.nan, touch.error, touch.latest, touch.landing_rate)
+    # What a femur that is late or early misses is the jump of the force, not the force (saltation).
     jump = (motion.stage.force if mode.pressing else 0.0) - exerted
     error = saltation(error, motion.stage.rate, jump, off, knee.mass, tick.duration)
     if layer == APART:

@@ -29,12 +29,10 @@ def told(rows: Any) -> list[bytes]:
 
 WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "nothing": ([], {}),
-    "a name": (["--params", "osteoarthritis.yaml"], {"params": "osteoarthritis"}),
     "names": (
         ["--params", "osteoarthritis", "--params", "mri_femur"],
         {"params": ["osteoarthritis", "mri_femur.yaml"]},
     ),
-    "a value": (["-p", "contact.damping:=0.0"], {"values": {"contact.damping": 0.0}}),
     "a nested value": (["-p", "femur.mass:=8.0"], {"values": {"femur": {"mass": 8.0}}}),
 }
 
@@ -54,25 +52,6 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     assert told(knee_contact_ros.solve(tmp_path / "out.mcap", compiled=True)) == told(
         results
     )  # by the parameters in it
-
-
-def test_a_subject_brings_its_bag_and_gives_way_to_parameters(
-    right_bag: Path, tmp_path: Path
-) -> None:
-    subject = tmp_path / "anna.yaml"
-    subject.write_text(
-        f"mass: 61.0\nthickness: 0.0007\nparameters: [osteoarthritis]\nbag: {right_bag}"
-    )
-    own = knee_contact_ros.solve(subject=subject)
-    assert own.cartilage_depth.max() == pytest.approx(0.7e-3, abs=1e-9)
-    other = knee_contact_ros.solve(right_bag, {"contact.layer_depth": 0.4e-3}, subject=subject)
-    assert other.cartilage_depth.max() == pytest.approx(0.4e-3, abs=1e-9)
-    last = knee_contact_ros.solve(
-        params={"contact.layer_depth": 0.4e-3},
-        values={"contact.layer_depth": 0.3e-3},
-        subject=subject,
-    )
-    assert last.cartilage_depth.max() == pytest.approx(0.3e-3, abs=1e-9)
 
 
 def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(
