@@ -169,6 +169,8 @@ class Input:
         into those that `on_data` takes.
         """
         self.topic, self.meter, self.handed = topic, meter, handed
+        self.reason = ""
+        """Why nothing has come, as far as the graph shows"""
         self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
         self._subscriptions: dict[str, Any] = {}  # by topic
         self._best_effort, self._incompatible = (
