@@ -134,6 +134,19 @@ class Results(Records):
         except ValueError as error:
             raise UsageError(str(error)) from None
 
+    @property
+    def ringing(self) -> Floats:
+        """How far each contact force rings [N], shape (n,), see `KneeModel.ringing`.
+
+        Raises:
+            UsageError: the model is not known.
+        """
+        if self.model is None:
+            raise UsageError(
+                "ringing: the model of these answers is not known; see the method of the model"
+            )
+        return self.model.ringing(self)
+
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
 

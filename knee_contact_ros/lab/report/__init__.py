@@ -33,6 +33,7 @@ from knee_contact_ros.lab.report.runs import (
 from knee_contact_ros.lab.uncertainty import DEFAULT_LEVEL, Propagated
 from knee_contact_ros.model.types import MM, ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.strides import RISE_TIME
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import install_command
@@ -227,7 +228,8 @@ def _peak_table(found: Sequence[ReportRun]) -> PageTable:
             group = run.gathered.peaks[run.gathered.peaks["peak"] == which]
             mark = _implausible(group["status"].to_numpy(int))
             for column, name, digits in _PEAK_QUANTITIES:
-                cells.append((f"{which} peak: {name}", _spread(group[column], digits) + mark))
+                text = _spread(group[column], digits) + mark + _rings(run, name)
+                cells.append((f"{which} peak: {name}", text))
         columns.append(cells)
         gathered = run.gathered
         stamp = int(gathered.columns["stamp"][gathered.largest])
@@ -250,7 +252,7 @@ def _largest_values(run: ReportRun) -> list[tuple[str, str]]:
         text += _implausible(run.gathered.columns["status"][at])
         if column == "load_BW" and run.prescribed:
             text = NO_VALUE
-        cells.append((f"largest {name}", text))
+        cells.append((f"largest {name}", text + _rings(run, name)))
     return cells
 
 
@@ -267,8 +269,18 @@ def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:
         values = strides[key] / (run.weight if "[BW" in name else 1.0)
         if name.startswith("bone") and not run.has_bone:
             values = values[:0]
-        rows.append((name, _spread(values, digits)))
+        rows.append((name, _spread(values, digits) + _rings(run, name)))
     return rows
+
+
+def _rings(run: ReportRun, name: str) -> str:
+    """Return the mark of a largest force or loading rate that contains ringing, with how much at most, else nothing."""
+    if not (run.ringing and run.ringing.is_told):
+        return ""
+    largest = run.ringing.largest / run.weight
+    if name == "loading rate [BW/s]":
+        return f" (rings: ± {2.0 * largest / RISE_TIME:.1f})"
+    return f" (rings: ± {largest:.2f})" if name.endswith("contact force [BW]") else ""
 
 
 def summary(run: ReportRun) -> dict[str, str]:

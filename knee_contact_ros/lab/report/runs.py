@@ -28,6 +28,7 @@ from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, Gathered
 from knee_contact_ros.lab.uncertainty import Propagated, read_uncertain_gait
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.bag_parameters import (
     file_contents,
@@ -185,6 +186,8 @@ class ReportRun(NamedTuple):
     """Whether the parameters are the recording's own rather than assumed"""
     kept: Sequence[str] = ()
     """Parameters that a comparison takes from its run although its files set other values, as texts"""
+    ringing: Ringing | None = None
+    """Ringing of the contact force; None: not known"""
     uncertain: Propagated | None = None
     """Uncertainty of depth and force, if requested"""
 
@@ -379,10 +382,13 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
     doubts = doubts_about(own, model) if model else Doubts()
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch
+    ringing = Ringing(model) if model and stored and not stored.changes else None
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ANSWER_FIELDS}
     for block in answer_blocks(bag, topic, bar):
         for name in ANSWER_FIELDS:
             parts[name].append(block.view(FLAT)[name].copy())
+        if ringing:
+            parts.setdefault("ringing", []).append(ringing.add_answers(block))
         if model and has_readouts:
             read = model.readouts(block)
             for name in READOUTS_OF_LAW:
@@ -405,4 +411,5 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
         gathered,
         model if stored else None,
         known=stored is not None,
+        ringing=ringing,
     )
