@@ -60,7 +60,7 @@ class Summary:
     """Body weight [N], the unit of reported forces"""
     doubts: Doubts = field(default_factory=Doubts)
     """Doubts about parameters and answers"""
-    ringing: Ringing | None = None
+    ringing: Ringing | None = field(default=None, compare=False)
     """Ringing of the contact force; None: not known"""
     ticks: int = 0
     """Number of ticks"""

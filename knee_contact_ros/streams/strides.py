@@ -236,6 +236,7 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
         cut(stamps, values, span.start, end) for end in (span.end, span.toe_off)
     )
     within = slice(*np.searchsorted(stamps, (span.start, span.end)))
+    rings = isinstance(rows, Mapping) and "ringing" in rows
     return Stride(
         span,
         float(whole[:, 0].max()),
@@ -245,7 +246,7 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
         loading_rate(stance_time, stance[:, 0]),
         not (rows["status"][within].astype(int) & UNUSABLE).any(),
         sliding_distance(time, *whole.T[2:]),
-        largest_within(span, stamps, rows["ringing"]) if "ringing" in rows else math.nan,
+        largest_within(span, stamps, rows["ringing"]) if rings else math.nan,
     )
 
 

@@ -34,7 +34,7 @@ WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
         ["--params", "osteoarthritis", "--params", "mri_femur"],
         {"params": ["osteoarthritis", "mri_femur.yaml"]},
     ),
-    "a value": (["-p", "contact.damping:=0.0"], {"values": {"contact.damping": 0.0}}),
+    "a value": (["-p", "contact.damping:=2e3"], {"values": {"contact.damping": 2e3}}),
     "a nested value": (["-p", "femur.mass:=8.0"], {"values": {"femur": {"mass": 8.0}}}),
 }
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from knee_contact_ros import __version__
+from knee_contact_ros.lab.paired import paired
 from knee_contact_ros.lab.report import figures
 from knee_contact_ros.lab.report.figures import MICRO
 from knee_contact_ros.lab.report.gathered import (
@@ -168,6 +169,7 @@ def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
         drawn=drawn,
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([_cycle_summary(run) for run in cyclic], cyclic),
+        paired=_paired_differences(found),
         still=bool(cyclic) and not figures.moves(cyclic),
         uncertain=[
             (run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)
@@ -271,6 +273,32 @@ def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:
             values = values[:0]
         rows.append((name, _spread(values, digits) + _rings(run, name)))
     return rows
+
+
+def _paired_differences(found: Sequence[ReportRun]) -> PageTable:
+    """Compare each comparison with its run, stride by stride: mean difference, 95 % interval, and ringing."""
+    compared = [(found[run.beside], run) for run in found if run.beside is not None]
+    columns = []
+    for base, run in compared:
+        if len(base.gathered.strides) < 2:
+            continue
+        table = paired(base.gathered.strides, run.gathered.strides)
+        cells = []
+        for name, key, digits in _CYCLE_ROWS[2:]:  # duration and stance are those of the inputs
+            one = table.loc[key] / (run.weight if "[BW" in name else 1.0)
+            known = np.isfinite(one["difference"]) and (
+                run.has_bone or not name.startswith("bone")
+            )
+            text = f"{one['difference']:+{digits}} ({one['low']:+{digits}} to {one['high']:+{digits}})"
+            cells.append(
+                (name, text + (_rings(run, name) or _rings(base, name)) if known else NO_VALUE)
+            )
+        columns.append((run, cells))
+    note = (
+        "Comparison minus recording, mean of the strides with its 95 % interval (Student's). An interval that "
+        "contains 0 shows no difference."
+    )
+    return _side_by_side([cells for _, cells in columns], [run for run, _ in columns], note)
 
 
 def _rings(run: ReportRun, name: str) -> str:
