@@ -300,7 +300,7 @@ class KneeModel:
             >>> printed = load_model("osteoarthritis_as_printed")
             >>> answers = printed.run(gait.time, gait.flexion_angle, gait.load)
             >>> print(f"{abs(printed.ringing(answers)).max():.0f} N")
-            37 N
+            39 N
         """
         return Ringing(self).add_answers(answers)
 

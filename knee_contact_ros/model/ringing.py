@@ -6,7 +6,6 @@ rates and largest forces contain a swing of the model's own. The same inputs und
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.laws import COMMON, ContactLaw
+from knee_contact_ros.model.laws import COMMON
 from knee_contact_ros.model.ticks import DYNAMIC
 from knee_contact_ros.model.types import Floats, Rows, Status
 
@@ -22,13 +21,13 @@ if TYPE_CHECKING:
     from knee_contact_ros.model.knee import KneeModel, Stream
 
 STANDING = 8.0
-"""Body weight over that of the femur, at least nearly: the load at which damping is judged"""
+"""Body weight over that of the femur, at least nearly: the load at which damping that grows with the force is judged"""
 GRAVITY = 9.80665
 """Standard gravity [m/s²]"""
-LEAST_RATIO = 0.05
-"""Damping ratio below which a layer rings: an oscillation then loses less than a quarter of its height in a period"""
-GIVEN_RATIO = 0.5
-"""Damping ratio of the dashpot for comparison; that of the paper's healthy knee is 0.46 at 1.6 kN"""
+LEAST_DECAY = 20.0
+"""Decay rate [1/s] of an oscillation below which a layer rings: 50 ms later more than a third of it is left"""
+GIVEN_DECAY = 270.0
+"""Decay rate [1/s] by the dashpot for comparison: that of the paper's healthy knee, 5 kN s/m over 2 x 9.3 kg"""
 LEAST_PART = 1e-3
 """Smallest ringing that is told, as a part of the largest contact force"""
 
@@ -40,25 +39,15 @@ def damped(model: KneeModel) -> KneeModel | None:
     """
     if model.height_prescribed or model.level != DYNAMIC:
         return None
-    load = STANDING * GRAVITY * model.mass
-    dashpot = GIVEN_RATIO * _critical(model.law, model.static_depth(load), model.mass)
-    begins = [layer.begin for layer in model.law.layers]
+    standing = model.static_depth(STANDING * GRAVITY * model.mass)
     layers = list(model.law.layers)
-    for place, (layer, end) in enumerate(zip(layers, [*begins[1:], math.inf], strict=True)):
-        if layer.form != COMMON:
-            continue
-        # In its own part of the depth: where the knee stands, else just within the layer.
-        depth = min(max(model.static_depth(load), 1.1 * layer.begin), end)
-        damping = layer.force_at(depth, 0.0)[2]
-        if damping < LEAST_RATIO * _critical(model.law, depth, model.mass):
+    for place, layer in enumerate(layers):
+        damping = layer.force_at(max(standing, 1.1 * layer.begin), 0.0)[2]
+        if layer.form == COMMON and damping < 2.0 * model.mass * LEAST_DECAY:
+            dashpot = 2.0 * model.mass * GIVEN_DECAY
             layers[place] = layer._replace(damping=layer.damping + dashpot)
     law = replace(model.law, layers=tuple(layers))
     return None if law == model.law else replace(model, law=law)
-
-
-def _critical(law: ContactLaw, depth: float, mass: float) -> float:
-    """Return the critical damping [N s/m] of a mass [kg] on a law at a depth [m]."""
-    return 2.0 * math.sqrt(law.force_at(depth, 0.0)[1] * mass)
 
 
 class Ringing:

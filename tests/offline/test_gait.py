@@ -111,13 +111,13 @@ def test_laws_with_a_layer_that_is_hardly_damped_ring(
 
 def test_solve_tells_the_newtons_of_a_recorded_gait() -> None:
     with pytest.warns(
-        UserWarning, match=r"rings by up to 36\.8 N: loading rate and largest force"
+        UserWarning, match=r"rings by up to 38\.8 N: loading rate and largest force"
     ):
         printed = solve("bags/gait2354_right", "osteoarthritis_as_printed")
     worn = solve("bags/gait2354_right", "osteoarthritis")
-    assert np.abs(printed.ringing).max() == pytest.approx(36.8, abs=0.1)
-    # The dashpot for comparison is as strong as that of the shipped knee, by a twentieth.
-    assert printed.ringing == pytest.approx(printed.contact_force - worn.contact_force, abs=2.0)
+    assert np.abs(printed.ringing).max() == pytest.approx(38.8, abs=0.1)
+    # The dashpot for comparison is as strong as that of the shipped knee, by a two hundredth.
+    assert printed.ringing == pytest.approx(printed.contact_force - worn.contact_force, abs=0.5)
     assert not worn.ringing.any()
 
 
