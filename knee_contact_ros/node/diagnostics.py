@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections import Counter
 from enum import IntEnum
@@ -116,6 +117,10 @@ class Health:
         self.parameters = parameters
         """Parameters of the node, which may change"""
         self.counts = AnswerCounts()
+        self.mixed = ""
+        """Sentence about other publishers of the answers; empty without one"""
+        self.namesake = ""
+        """Sentence about another node of the same name; empty without one"""
         self._node = node
         self._pipeline = pipeline
         self._levels = levels
@@ -143,10 +148,12 @@ class Health:
         for name, sink in outputs.sinks.items():
             values, text, lost = sink.report_state()
             entries.append((name, values, (ERROR, text) if lost else warning_of(text)))
+        owner = f"{self._node.get_fully_qualified_name()}, process {os.getpid()}"
         status = [
             DiagnosticStatus(
                 level=level,
                 name=f"{self._name}: {name}",
+                hardware_id=owner,
                 message=text or "ok",
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
@@ -173,12 +180,14 @@ class Health:
         new = self.increase("unusable", unusable)
         is_old = age > self.parameters.diagnostics.timeout
         problem = first_problem(
+            (self.mixed, ERROR, self.mixed),
             (math.isinf(age), STALE, "no answer yet"),
             (is_old, STALE, f"no answer for {age:.1f} s"),
             (new, WARN, f"not usable answers: {new}"),
+            (self.namesake, WARN, self.namesake),
         )
         bits = [bit.name or "" for bit in Status if counts.status & bit & UNUSABLE]
-        why = problem[1] if problem[0] == STALE else ", ".join(bits)
+        why = problem[1] if problem[0] in (STALE, ERROR) else ", ".join(bits)
         values = {
             "usable": "false" if why else "true",
             "because": why,
