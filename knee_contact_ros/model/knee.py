@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from knee_contact_ros.model import run_state, ticks
 from knee_contact_ros.model.closest import Closest
 from knee_contact_ros.model.contact import KneeConstants
-from knee_contact_ros.model.inputs import InputCheck
+from knee_contact_ros.model.inputs import MOST_PLAUSIBLE_LOAD, InputCheck
 from knee_contact_ros.model.kernel import Kernel
 from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.lost_state import LEAST_LOST_SPEED
@@ -24,6 +24,7 @@ from knee_contact_ros.model.readouts import ContactPatch, Readings, load_uncerta
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import (
+    MAX_SURFACE_GAP,
     NANOSECOND,
     ROW,
     Contact,
@@ -371,13 +372,15 @@ class Stream:
 
         This is for a run that begins in the middle of a motion, and so not at rest.
         """
-        load = max(float(self.answer["load"][0]), 0.0)
-        stored = load * self.model.static_depth(load)
+        # The femur may just have been thrown by what a contact under any load of a knee had stored.
+        load = max(float(self.answer["load"][0]), MOST_PLAUSIBLE_LOAD)
+        depth = min(self.model.static_depth(load), self.model.plausible_depth)
+        stored = depth * self.model.law.static_force(depth)
         self._state[run_state.AT_LOST_SPEED] = (
             math.sqrt(2.0 * stored / self.model.mass) + LEAST_LOST_SPEED
         )
         self._state[run_state.AT_LOST_DISTANCE] = self.answer["error_estimate"][0] = (
-            self.model.plausible_depth
+            self.model.plausible_depth + MAX_SURFACE_GAP
         )
         self.answer["status"] |= int(Status.NOT_CONVERGED)
 
