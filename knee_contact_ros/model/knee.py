@@ -367,6 +367,22 @@ class Stream:
             for place in (run_state.AT_HEIGHT, run_state.AT_STIFFNESS, run_state.AT_DAMPING):
                 state[place] = rest[place]
 
+    def state(self) -> list[float]:
+        """Return the state after the last tick, as `resume` takes it."""
+        numbers: list[float] = self._state.tolist()
+        return numbers
+
+    def resume(self, stamp: int, state: Sequence[float]) -> None:
+        """Continue from the `state` of another stream of this model, after its tick at a stamp [ns].
+
+        Raises:
+            ValueError: it is not the state of a run of this version.
+        """
+        if len(state) != run_state.STATE_SIZE or state[run_state.AT_BEGUN] != 1.0:
+            raise ValueError(f"a run has {run_state.STATE_SIZE} numbers, and has begun")
+        self._state[:] = state
+        self._stamp = stamp
+
     def mark_state_lost(self) -> None:
         """Declare the state after the first tick unknown: answers are `NOT_CONVERGED` until the contact forgets it.
 
