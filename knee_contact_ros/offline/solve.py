@@ -22,6 +22,7 @@ from knee_contact_ros.bags.provenance import (
     change_record,
     recorded_flags,
 )
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
@@ -80,7 +81,6 @@ def solve(
     pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
     if not recording and parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
-    summary = _empty_summary(pipeline)
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
     with (
@@ -91,6 +91,7 @@ def solve(
             pipeline.compile_model()
         if recording:
             _resume(pipeline, recording)
+        summary = _empty_summary(pipeline, rings=not (recording and recording.changes))
         takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
         if keep:
             takers.append(keep)
@@ -124,10 +125,16 @@ def _resume(pipeline: ContactPipeline, recording: Provenance) -> None:
         raise UsageError(f"{recording.recording}: its state is damaged: {error}") from None
 
 
-def _empty_summary(pipeline: ContactPipeline) -> Summary:
-    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one."""
+def _empty_summary(pipeline: ContactPipeline, rings: bool) -> Summary:
+    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one.
+
+    `rings`: whether the ringing of the force is to be found, which needs the same parameters throughout.
+    """
     weight = pipeline.parameters.body_weight
-    summary, *others = (Summary(weight, each.doubts) for each in pipeline.compartments)
+    summary, *others = (
+        Summary(weight, each.doubts, Ringing(each.model) if rings else None)
+        for each in pipeline.compartments
+    )
     if others:
         summary.lateral = others[0]
     return summary

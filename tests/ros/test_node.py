@@ -90,6 +90,16 @@ def test_without_the_events_executor_or_numba_the_node_gives_the_same(
     assert "40 ticks, 0 samples refused" in output
 
 
+def test_a_subject_file_gives_the_node_the_knee_of_python(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    path = tmp_path / "subject.yaml"
+    path.write_text("mass: 60\nthickness: 0.0004\nparameters: [osteoarthritis]\n")
+    start_node("--params-file", path)
+    peer.wait_for_node()
+    assert_bits_of_python(peer, str(path))
+
+
 def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
     node = start_node("-r", "joint_states:=/exo/joint_states")
     peer.wait_until(
