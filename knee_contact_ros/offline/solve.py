@@ -22,6 +22,7 @@ from knee_contact_ros.bags.provenance import (
     change_record,
     recorded_flags,
 )
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
@@ -78,11 +79,8 @@ def solve(
     inputs = BagInputs(bag, parameters, names)
     inputs.check_joints(parameters.joints())
     pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
-    if recording:
-        pipeline.resume_recording(recording.ticks_before)
-    elif parameters.frame.tibia:
+    if not recording and parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
-    summary = _empty_summary(pipeline)
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
     with (
@@ -91,6 +89,9 @@ def solve(
     ):
         if compiled is not False:
             pipeline.compile_model()
+        if recording:
+            _resume(pipeline, recording)
+        summary = _empty_summary(pipeline, rings=not (recording and recording.changes))
         takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
         if keep:
             takers.append(keep)
@@ -112,10 +113,28 @@ def solve(
     return summary
 
 
-def _empty_summary(pipeline: ContactPipeline) -> Summary:
-    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one."""
+def _resume(pipeline: ContactPipeline, recording: Provenance) -> None:
+    """Continue the run of a recording.
+
+    Raises:
+        UsageError: the state in the recording is damaged.
+    """
+    try:
+        pipeline.resume_recording(recording.ticks_before, recording.state)
+    except (TypeError, ValueError, IndexError) as error:
+        raise UsageError(f"{recording.recording}: its state is damaged: {error}") from None
+
+
+def _empty_summary(pipeline: ContactPipeline, rings: bool) -> Summary:
+    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one.
+
+    `rings`: whether the ringing of the force is to be found, which needs the same parameters throughout.
+    """
     weight = pipeline.parameters.body_weight
-    summary, *others = (Summary(weight, each.doubts) for each in pipeline.compartments)
+    summary, *others = (
+        Summary(weight, each.doubts, Ringing(each.model) if rings else None)
+        for each in pipeline.compartments
+    )
     if others:
         summary.lateral = others[0]
     return summary
