@@ -16,7 +16,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.types import FLAT, ROW, Rows, Status
+from knee_contact_ros.model.types import FLAT, MAX_SURFACE_GAP, ROW, Rows, Status
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
@@ -171,7 +171,7 @@ def test_a_recording_that_begins_in_a_motion_is_unknown_at_first() -> None:
     _, (rows,) = one_by_one(pipeline)
     unknown = rows["status"] & Status.NOT_CONVERGED != 0
     assert unknown[0]
-    assert rows["error_estimate"][0] == pipeline.model.plausible_depth
+    assert rows["error_estimate"][0] == pipeline.model.plausible_depth + MAX_SURFACE_GAP
 
 
 def test_a_recording_of_both_is_computed_again_from_itself(
