@@ -40,6 +40,9 @@ class LegPeer(Peer):
 
     def __init__(self) -> None:
         super().__init__()
+        self.node.destroy_publisher(
+            self.force
+        )  # the load node publishes this, and would tell of another one
         qos = QoSProfile(depth=1000)
         self.ground = self.node.create_publisher(WrenchStamped, FORCE, qos)
         self.heard: dict[str, list[bytes]] = {REACTION: [], ESTIMATE: []}
@@ -56,13 +59,10 @@ class LegPeer(Peer):
             lambda: self.angle.get_subscription_count() and self.ground.get_subscription_count()
         )
         self.wait_until(
-            lambda: (
-                all(
-                    self.node.count_publishers(topic)
-                    for topic in ("load_estimate", "/diagnostics")
-                )
-                and self.node.count_publishers(REACTION) > 1
-            )  # this peer is one
+            lambda: all(
+                self.node.count_publishers(topic)
+                for topic in ("load_estimate", "/diagnostics", REACTION)
+            )
         )
 
     def send_sensed(self, messages: list[RawMessage]) -> None:
