@@ -26,12 +26,12 @@ from studies.validation.total import (
     clocks,
     covered,
     deviation_of,
+    errors_of,
     fitted,
     line,
     on_time,
     peak_errors,
     person_mean,
-    rms,
     same_signs,
 )
 
@@ -55,11 +55,6 @@ def cells(sessions: dict[str, float]) -> list[str]:
     return [*(f"{value:.2f}" for value in sessions.values()), f"{person_mean(sessions):.2f}"]
 
 
-def errors(found: Sequence[Estimate]) -> dict[str, float]:
-    """RMS errors [BW] of estimates by session."""
-    return by_session(found, lambda each: rms(each.walk, each.force))
-
-
 def line_errors(walks: Sequence[Walk]) -> dict[str, float]:
     """RMS error [BW] of a line in the ground force that is fitted to the other persons, by session."""
     lines = [
@@ -68,7 +63,7 @@ def line_errors(walks: Sequence[Walk]) -> dict[str, float]:
         )
         for walk in walks
     ]
-    return errors(lines)
+    return errors_of(lines)
 
 
 def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
@@ -76,7 +71,7 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
     keys = list(dict.fromkeys(walk.key for walk in walks))
     rows = [
         ["line a + k F", "others", *cells(line_errors(walks)), "", ""],
-        ["", CURVE, *cells(errors(chosen(found, "", CURVE))), "", ""],
+        ["", CURVE, *cells(errors_of(chosen(found, "", CURVE))), "", ""],
     ]
     for how in WAYS:
         for level in LOAD_LEVELS:
@@ -86,7 +81,7 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
                 [
                     f"`{level}`",
                     how,
-                    *cells(errors(each)),
+                    *cells(errors_of(each)),
                     *(f"{PERCENT * end:+.0f} %" for end in ends),
                 ]
             )
@@ -218,7 +213,9 @@ def other_movements(found: Sequence[Estimate]) -> str:
     for movement in others:
         mine = [each for each in found if each.walk.movement == movement]
         ways = {how: [e for e in mine if e.how == how] for how in (CURVE, SENSORS, OTHERS)}
-        means = ", ".join(f"{how} {person_mean(errors(each)):.2f}" for how, each in ways.items())
+        means = ", ".join(
+            f"{how} {person_mean(errors_of(each)):.2f}" for how, each in ways.items()
+        )
         told.append(f"{movement}: {means}")
     return "; ".join(told)
 
@@ -233,10 +230,10 @@ def sections(walks: Sequence[Walk], found: Sequence[Estimate]) -> list[Section]:
     level, medial = level_walks(list(walks)), with_medial(list(walks))
     missed_of = {form: fmean(each.values()) for form, each in missed(medial, other_person).items()}
     told = {
-        name: span([person_mean(errors(chosen(found, each, how))) for each in LOAD_LEVELS])
+        name: span([person_mean(errors_of(chosen(found, each, how))) for each in LOAD_LEVELS])
         for name, how in (("total", OTHERS), ("alone", SENSORS), ("own", OWN))
     } | {form: f"{missed_of[form]:.2f}" for form in ("moment", "curve")}
-    told["mean"] = f"{person_mean(errors(chosen(found, '', CURVE))):.2f}"
+    told["mean"] = f"{person_mean(errors_of(chosen(found, '', CURVE))):.2f}"
     told["number"] = str(len({walk.person.name for walk in level}))
     measured = other_movements(found)
     parts = [

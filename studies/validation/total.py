@@ -329,6 +329,11 @@ def person_mean(sessions: Mapping[str, float]) -> float:
     )
 
 
+def errors_of(found: Sequence[Estimate]) -> dict[str, float]:
+    """RMS errors [BW] of estimates by session."""
+    return by_session(found, lambda each: rms(each.walk, each.force))
+
+
 def covered(each: Estimate, deviation: AxialDeviation, stance: bool) -> tuple[float, float]:
     """Parts of the used samples, in stance or in swing, whose error is within one and two standard deviations."""
     weight = each.walk.person.body_weight

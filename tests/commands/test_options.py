@@ -19,13 +19,13 @@ from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES, RECORDED, types_of
 from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.commands import run
 from tests.helpers.offline import estimate_load
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
-TOPICS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+TOPICS = types_of(RECORDED)
 
 
 def recorded(path: Path) -> list[tuple[str, int, str]]:

@@ -20,7 +20,7 @@ from knee_contact_ros.parameters.load_schema import PersonSection
 from studies.validation.__main__ import main
 from studies.validation.data import Walk, missed, near, runs, walks, with_medial
 from studies.validation.movements import CYCLES, scores
-from studies.validation.sections import COMMAND, TITLE, chosen, errors, line_errors, sections
+from studies.validation.sections import COMMAND, TITLE, chosen, line_errors, sections
 from studies.validation.split import CALLED, other_person, shipped
 from studies.validation.split import missed as missed_by
 from studies.validation.total import (
@@ -31,6 +31,7 @@ from studies.validation.total import (
     SENSORS,
     Estimate,
     clocks,
+    errors_of,
     estimates,
     fitted,
     mean_loads,
@@ -81,10 +82,10 @@ def test_the_page_is_what_the_code_gives(
 def test_the_mean_of_sensors_and_curve_is_closer_than_either(
     measured: list[Walk], found: list[Estimate]
 ) -> None:
-    curve = person_mean(errors(chosen(found, "", CURVE)))
+    curve = person_mean(errors_of(chosen(found, "", CURVE)))
     for level in LOAD_LEVELS:
-        shipped_error = person_mean(errors(chosen(found, level, OTHERS)))
-        assert shipped_error < person_mean(errors(chosen(found, level, SENSORS))) - 0.02
+        shipped_error = person_mean(errors_of(chosen(found, level, OTHERS)))
+        assert shipped_error < person_mean(errors_of(chosen(found, level, SENSORS))) - 0.02
         assert shipped_error < curve < person_mean(line_errors(measured))
 
 
