@@ -107,6 +107,7 @@ def solve(
         Subject,
         basis_of,
         resolved_parameters,
+        unset_person,
         weight_doubt,
     )
     from knee_contact_ros.offline.solve import solve as solve_bag
@@ -139,12 +140,16 @@ def solve(
             rows["body weight"] = (
                 f"{parameters.body_weight:.7g} N, as {path.name} was imported with"
             )
+        elif unset := unset_person(parameters):
+            rows["body weight"] = f"{parameters.body_weight:.7g} N{unset}"
         show_summary(summary, rows, {"Recording": str(output)})
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
         warn(summary.warnings)
         if missing := summary.missing_parts(path):
             raise IncompleteError(missing)
+        if summary.differing and not (given.parameter_files or given.parameter_values or person):
+            raise IncompleteError("the answers are not those of the bag, as said above")
 
 
 @click.command()
@@ -166,7 +171,7 @@ def estimate_load(
     from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.commands.tables import show_load
-    from knee_contact_ros.offline.bag_parameters import weight_doubt
+    from knee_contact_ros.offline.bag_parameters import unset_person, weight_doubt
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.offline.estimate_load import load_parameters_for
     from knee_contact_ros.streams.topics import LOAD_INPUTS
@@ -180,7 +185,8 @@ def estimate_load(
             summary = estimate(opened, parameters, output, advance, overwrite, names)
         doubts += weight_doubt(opened, parameters)
     sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
-    rows = {"parameters": sources, "body weight": f"{parameters.person.constants.weight:.7g} N"}
+    weight = f"{parameters.person.constants.weight:.7g} N{unset_person(parameters)}"
+    rows = {"parameters": sources, "body weight": weight}
     show_load(summary, parameters, rows, str(output))
     warn([*others_beside(bag), *doubts, *summary.implausible])
     if summary.damage:

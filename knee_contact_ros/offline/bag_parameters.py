@@ -13,15 +13,20 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import ParameterSource, dotted, first_error, load_parameters
+from knee_contact_ros.parameters.files import (
+    SAME_WEIGHT,
+    ParameterSource,
+    dotted,
+    first_error,
+    load_parameters,
+    own_names,
+)
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, find_file, read_mapping
 
-SAME_WEIGHT = 0.01
-"""Largest relative difference of body weights that count as equal"""
 FEMORAL_SHARE = 9.3014 / 75.16
 """Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
 
@@ -96,10 +101,20 @@ def with_body_weight(
         values = {"person.mass": weight * (1.0 / GRAVITY)}
     (name,) = values
     value_of = attrgetter(name)
-    is_given = any(isinstance(each, Mapping) and name in dotted(each) for each in sources)
+    is_given = any(
+        isinstance(each, Mapping) and name in own_names(dotted(each), schema) for each in sources
+    )
     if is_given or value_of(parameters) != value_of(load_parameters([], schema)):
         return parameters
     return load_parameters([*sources, values], schema, namespace)
+
+
+def unset_person(parameters: Parameters | LoadParameters) -> str:
+    """Return a phrase if nobody has set the person's weight or mass, so that the default is used; else it is empty."""
+    name = next(iter(parameters.about_person))
+    *section, inner = name.split(".")
+    part = getattr(parameters, section[0]) if section else parameters
+    return "" if inner in part.model_fields_set else f", which nobody has set (-p {name}:=...)"
 
 
 def weight_doubt(bag: Bag, parameters: Parameters | LoadParameters) -> list[str]:

@@ -24,13 +24,14 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
+from knee_contact_ros.offline.held_answers import HeldAnswers
 from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
 from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
-from knee_contact_ros.streams.output import TICK
+from knee_contact_ros.streams.output import PROVENANCE, TICK
 from knee_contact_ros.streams.topics import recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError
@@ -91,7 +92,8 @@ def solve(
     ):
         if compiled is not False:
             pipeline.compile_model()
-        takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
+        held = HeldAnswers()
+        takers: list[Callable[[AnswerBlock], object]] = [summary.add_block, held.add_block]
         if keep:
             takers.append(keep)
         changes: list[Change | Flags] = [
@@ -106,6 +108,8 @@ def solve(
             advance(done, total)
         run.take_answers(pipeline.finish_streams())
         _complete_summary(summary, pipeline, inputs, recording)
+        if recording or bag.first_metadata(PROVENANCE) is None:
+            summary.differing = held.difference(bag, names)
         recorder.write_ending(pipeline, bag, summary.damage)
         if not summary.ticks:
             raise nothing_computed(bag, "tick could be computed", pipeline, summary.damage)

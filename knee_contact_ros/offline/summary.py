@@ -73,6 +73,8 @@ class Summary:
     """Number of refused samples by reason"""
     unanswered: str = ""
     """Sentence that many forces have no answer, and why; empty otherwise"""
+    differing: str = ""
+    """Sentence that the bag holds other answers than those that were computed; empty if it does not"""
     publishers: list[str] = field(default_factory=list)
     """Sentences about publishers of one input that disagree"""
     damage: list[str] = field(default_factory=list)
@@ -193,6 +195,7 @@ class Summary:
         return [
             *resets,
             *self.publishers,
+            *([self.differing] if self.differing else []),
             *self.sentences,
             *([self.split.problem] if self.split and self.split.problem else []),
         ]
