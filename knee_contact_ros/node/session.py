@@ -167,19 +167,22 @@ class Session(ABC):
     def _open_outputs(self) -> None:
         """Open the transforms, the services and the outputs; files come last, when everything else works."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
-        services = {
-            "reset": self._reset,
-            "start_recording": self._start_recording,
-            "stop_recording": self._stop_recording,
-            "save_snapshot": self._save_snapshot,
-        }
         try:
-            for name, act in services.items():
+            for name, act in self._services_by_name().items():
                 self._services.append(self._service(name, act))
             self.outputs = Outputs(self._knee(), self.node.get_logger())
         except BaseException:
             self.destroy_endpoints()
             raise
+
+    def _services_by_name(self) -> dict[str, Callable[[], str]]:
+        """Functions of the services `~/NAME`, which return what they have done."""
+        return {
+            "reset": self._reset,
+            "start_recording": self._start_recording,
+            "stop_recording": self._stop_recording,
+            "save_snapshot": self._save_snapshot,
+        }
 
     def start_listening(self) -> None:
         """Open the inputs and the timers."""
@@ -331,6 +334,7 @@ class Session(ABC):
         self.health.counts.note_timer(self._wait_period)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
+        self.health.tell_first_second(self.inputs)
         for stream in self.inputs:
             stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through

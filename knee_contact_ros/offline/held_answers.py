@@ -1,4 +1,4 @@
-"""Compares what is computed from a bag with the answers that the bag holds: another tool may have lost the parameters."""
+"""Compares computed answers with those that the bag holds, whose parameters another tool may have lost."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class HeldAnswers:
             self._number += len(block.rows[0])
 
     def difference(self, bag: Bag, names: Names) -> str:
-        """Sentence that the answers in a bag are others than the computed ones; empty if there are none, or they agree."""
+        """Sentence that the answers in a bag are others than the computed ones; empty without such a difference."""
         topics = answer_topics(bag)
         wanted = absolute(KNEE_CONTACT, names.get(NAMESPACE, ""))
         topic = wanted if wanted in topics else topics[0] if len(topics) == 1 else ""
