@@ -107,8 +107,8 @@ def solve(
         Subject,
         basis_of,
         resolved_parameters,
-        unset_person,
         weight_doubt,
+        weight_row,
     )
     from knee_contact_ros.offline.solve import solve as solve_bag
 
@@ -136,20 +136,14 @@ def solve(
         parameters = resolved_parameters(basis)
         if parameters.load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
-        if bag.body_weight == parameters.body_weight:
-            rows["body weight"] = (
-                f"{parameters.body_weight:.7g} N, as {path.name} was imported with"
-            )
-        elif unset := unset_person(parameters):
-            rows["body weight"] = f"{parameters.body_weight:.7g} N{unset}"
+        rows |= weight_row(bag, parameters)
         show_summary(summary, rows, {"Recording": str(output)})
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
         warn(summary.warnings)
-        if missing := summary.missing_parts(path):
+        is_given = bool(given.parameter_files or given.parameter_values or person)
+        if missing := summary.missing_parts(path, is_given):
             raise IncompleteError(missing)
-        if summary.differing and not (given.parameter_files or given.parameter_values or person):
-            raise IncompleteError("the answers are not those of the bag, as said above")
 
 
 @click.command()

@@ -117,6 +117,14 @@ def unset_person(parameters: Parameters | LoadParameters) -> str:
     return "" if inner in part.model_fields_set else f", which nobody has set (-p {name}:=...)"
 
 
+def weight_row(bag: Bag, parameters: Parameters) -> dict[str, str]:
+    """Return a row for a summary that says where the body weight comes from, if the user has not set it."""
+    weight, unset = f"{parameters.body_weight:.7g} N", unset_person(parameters)
+    if bag.body_weight == parameters.body_weight:
+        return {"body weight": f"{weight}, as {bag.path.name} was imported with"}
+    return {"body weight": f"{weight}{unset}"} if unset else {}
+
+
 def weight_doubt(bag: Bag, parameters: Parameters | LoadParameters) -> list[str]:
     """Return a sentence that a bag was imported with another body weight than that of the parameters, in a list."""
     if isinstance(parameters, LoadParameters):

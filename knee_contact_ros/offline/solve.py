@@ -20,6 +20,7 @@ from knee_contact_ros.bags.provenance import (
     Flags,
     Provenance,
     change_record,
+    read_provenance,
     recorded_flags,
 )
 from knee_contact_ros.offline.bag_inputs import BagInputs
@@ -108,7 +109,12 @@ def solve(
             advance(done, total)
         run.take_answers(pipeline.finish_streams())
         _complete_summary(summary, pipeline, inputs, recording)
-        if recording or bag.first_metadata(PROVENANCE) is None:
+        stored = read_provenance(bag) if recording else None
+        if stored and recording:
+            is_own = stored.parameters == recording.parameters
+        else:
+            is_own = bag.first_metadata(PROVENANCE) is None
+        if is_own:
             summary.differing = held.difference(bag, names)
         recorder.write_ending(pipeline, bag, summary.damage)
         if not summary.ticks:
@@ -231,6 +237,7 @@ class SolveRun:
                 continue
             tick, values = change
             if values is None:
+                self.pipeline.synchroniser.clear_streams()
                 self.pipeline.reset()
                 self._recorder.write_note(RESET, {TICK: str(tick)})
                 continue

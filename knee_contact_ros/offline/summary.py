@@ -200,14 +200,19 @@ class Summary:
             *([self.split.problem] if self.split and self.split.problem else []),
         ]
 
-    def missing_parts(self, bag: Path) -> str:
-        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
+    def missing_parts(self, bag: Path, is_given: bool = True) -> str:
+        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not.
+
+        Likewise if it holds other answers, and the user has not given the parameters (`is_given`).
+        """
         damage = (
             f" is damaged, and solved as far as it can be read: {join_faults(self.damage)}"
             if self.damage
             else ""
         )
         unanswered = f": {self.unanswered}" if self.unanswered else ""
+        if not damage and not unanswered and self.differing and not is_given:
+            return f"bag {bag}: its answers are others, as said above"
         return f"bag {bag}{damage}{unanswered}" if damage or unanswered else ""
 
 
