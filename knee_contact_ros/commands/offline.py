@@ -104,13 +104,13 @@ def solve(
     from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.bag_parameters import (
-        Subject,
         basis_of,
         resolved_parameters,
         weight_doubt,
         weight_row,
     )
     from knee_contact_ros.offline.solve import solve as solve_bag
+    from knee_contact_ros.parameters.subjects import Subject
 
     person = Subject(subject) if subject else None
     bags = bags or ((person.bag,) if person and person.bag else ())

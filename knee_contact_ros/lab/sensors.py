@@ -22,8 +22,7 @@ from knee_contact_ros.lab.units import (
     unit_factor,
     unit_name,
 )
-from knee_contact_ros.parameters.files import first_error
-from knee_contact_ros.parameters.sections import Section, one_of
+from knee_contact_ros.parameters.sections import Section, first_error, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import find_file, read_mapping

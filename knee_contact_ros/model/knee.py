@@ -21,6 +21,7 @@ from knee_contact_ros.model.kernel import Kernel
 from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.lost_state import LEAST_LOST_SPEED
 from knee_contact_ros.model.readouts import ContactPatch, Readings, load_uncertainty
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import (
@@ -287,6 +288,21 @@ class KneeModel:
             array([20.4, 19.7, 18.9])
         """
         return load_uncertainty(self.law, answers, load_deviation)
+
+    def ringing(self, answers: Rows) -> Floats:
+        """Compute how far the contact force of answers of this model rings [N], shape (n,), in their order in time.
+
+        It is the contact force minus that of the same knee with a dashpot. 0 where all layers are damped.
+
+        Example:
+            >>> from knee_contact_ros import load_model, solve
+            >>> gait = solve("bags/gait2354_right")
+            >>> printed = load_model("osteoarthritis_as_printed")
+            >>> answers = printed.run(gait.time, gait.flexion_angle, gait.load)
+            >>> print(f"{abs(printed.ringing(answers)).max():.0f} N")
+            39 N
+        """
+        return Ringing(self).add_answers(answers)
 
     def check_drive(self, height_given: bool) -> None:
         """Reject a series that does not fit the drive.

@@ -23,6 +23,7 @@ from knee_contact_ros.bags.provenance import (
     read_provenance,
     recorded_flags,
 )
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
 from knee_contact_ros.offline.held_answers import HeldAnswers
@@ -84,7 +85,6 @@ def solve(
         pipeline.resume_recording(recording.ticks_before)
     elif parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
-    summary = _empty_summary(pipeline)
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
     with (
@@ -93,6 +93,7 @@ def solve(
     ):
         if compiled is not False:
             pipeline.compile_model()
+        summary = _empty_summary(pipeline, rings=not (recording and recording.changes))
         held = HeldAnswers()
         takers: list[Callable[[AnswerBlock], object]] = [summary.add_block, held.add_block]
         if keep:
@@ -122,10 +123,16 @@ def solve(
     return summary
 
 
-def _empty_summary(pipeline: ContactPipeline) -> Summary:
-    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one."""
+def _empty_summary(pipeline: ContactPipeline, rings: bool) -> Summary:
+    """Return the summary of the medial (or only) compartment, with that of the lateral one, if there is one.
+
+    `rings`: whether the ringing of the force is to be found, which needs the same parameters throughout.
+    """
     weight = pipeline.parameters.body_weight
-    summary, *others = (Summary(weight, each.doubts) for each in pipeline.compartments)
+    summary, *others = (
+        Summary(weight, each.doubts, Ringing(each.model) if rings else None)
+        for each in pipeline.compartments
+    )
     if others:
         summary.lateral = others[0]
     return summary

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.types import Fidelity, Rows, Status
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
@@ -59,6 +60,8 @@ class Summary:
     """Body weight [N], the unit of reported forces"""
     doubts: Doubts = field(default_factory=Doubts)
     """Doubts about parameters and answers"""
+    ringing: Ringing | None = field(default=None, compare=False)
+    """Ringing of the contact force; None: not known"""
     ticks: int = 0
     """Number of ticks"""
     runs: int = 1
@@ -140,6 +143,8 @@ class Summary:
             if name not in self.peaks or largest[name] > getattr(self.peaks[name], name):
                 self.peaks[name] = Moment.of(largest, self.runs)
         self.doubts.add_answers(answers)
+        if self.ringing:
+            self.ringing.add_answers(answers)
         self._find_peaks(answers)
         self.ticks_flagged += int(np.count_nonzero(status))
         for bit in Status:
@@ -184,9 +189,10 @@ class Summary:
 
     @property
     def sentences(self) -> list[str]:
-        """Doubts about parameters and answers of either compartment, as sentences."""
-        lateral = self.lateral.doubts.sentences if self.lateral else []
-        return list(dict.fromkeys((*self.doubts.sentences, *lateral)))
+        """Doubts about parameters and answers of either compartment, and their ringing, as sentences."""
+        lateral = self.lateral.sentences if self.lateral else []
+        own = self.ringing.sentence if self.ringing else ""
+        return list(dict.fromkeys(filter(None, (*self.doubts.sentences, own, *lateral))))
 
     @property
     def warnings(self) -> list[str]:

@@ -20,7 +20,15 @@ from knee_contact_ros.parameters.schema import (
     LATERAL_PREFIX,
     Parameters,
 )
-from knee_contact_ros.parameters.sections import Declaration, NodeSection, Section, declaration_of
+from knee_contact_ros.parameters.sections import (
+    Declaration,
+    NodeSection,
+    Section,
+    declaration_of,
+    first_error,
+    shortened,
+)
+from knee_contact_ros.parameters.subjects import Subject
 from knee_contact_ros.system.errors import UsageError, suggest
 from knee_contact_ros.system.files import (
     parameter_file,
@@ -31,12 +39,11 @@ from knee_contact_ros.system.ros_files import (
     add_sections,
     flatten,
     matches_node,
+    merge_sections,
     read_sections,
     values_for,
 )
 
-LONGEST_VALUE = 80
-"""Largest number of characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has, besides QoS overrides (`qos_overrides.…`)."""
 SAME_WEIGHT = 0.01
@@ -114,7 +121,7 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
     for part in source if is_list else [source]:
         if isinstance(part, (str, Path)) and part != "":
             given = values_set_in(part, schema, namespace)
-            read_sections(parameter_file(str(part)), sections)
+            merge_sections(sections, sections_in(parameter_file(str(part))))
             merged = before | _values_in(sections, schema, namespace, f"{part}: ")
         else:
             given = _values_of(part, schema, namespace)
@@ -163,9 +170,30 @@ def values_set_in(
         reason = f"there is no such file, and it is not one of the package's own ({', '.join(shipped.values())})"
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{shortened(str(name))}: cannot read the parameter file: {reason}")
-    values = _own_values(read_sections(path), str(name), schema, namespace)
+    values = _own_values(sections_in(path), str(name), schema, namespace)
     _validated(values, f"{name}: ", schema)
     return values
+
+
+def sections_in(path: Path) -> Sections:
+    """Return the sections of a parameter file, or those that a subject file stands for.
+
+    Raises:
+        UsageError: it cannot be read or used, or is no such file.
+    """
+    sections = read_sections(path)
+    if not is_subject(sections):
+        return sections
+    person = Subject(path)
+    given = dict[str, Any]()
+    for file in person.parameter_files:
+        given |= values_set_in(file)
+    return person.sections(load_parameters(given), given)
+
+
+def is_subject(sections: Sections) -> bool:
+    """Whether the sections that were read from a file are the content of a subject file: a mass, and no node."""
+    return [*sections] == ["/**"] and "mass" in sections["/**"]
 
 
 def _node_name(schema: type[NodeSection], namespace: str) -> str:
@@ -268,7 +296,7 @@ def check_file(path: Path, schema: type[NodeSection]) -> None:
     Raises:
         UsageError: as for `load_parameters`.
     """
-    sections = read_sections(path)
+    sections = sections_in(path)
     names = [name for name in sections if name.split("/")[-1] in (schema.node, "*", "**")]
     for name in names or [f"/{schema.node}"]:
         # A wildcard stands for some name, or for none.
@@ -355,20 +383,3 @@ def _checked(
     if together and (problem := parameters.problem()):
         raise UsageError(f"{where}parameter {problem}")
     return parameters
-
-
-def first_error(error: ValidationError) -> str:
-    """Return the first error of a validation in one line: name, value, and what is allowed."""
-    first = error.errors()[0]
-    name = ".".join(map(str, first["loc"]))
-    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
-    if first["type"] == "missing":
-        return f"{name}: is missing"
-    if first["type"] == "extra_forbidden":
-        return f"{name}: is not known"
-    return f"{name}: {shortened(repr(first['input']))} is not allowed; {reason}"
-
-
-def shortened(text: str) -> str:
-    """Cut a text to the length that an error can show."""
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."

@@ -10,7 +10,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+)
 from pydantic.fields import FieldInfo
 
 from knee_contact_ros.parameters.sources import (
@@ -271,3 +278,24 @@ class RecordSection(Section):
     """largest number of answers that wait for the process of this output"""
     queue_size: float = Field(100.0, ge=1.0, le=1e5)
     """[MB] largest memory of waiting answers"""
+
+
+LONGEST_VALUE = 80
+"""Largest number of characters of a value that an error shows"""
+
+
+def first_error(error: ValidationError) -> str:
+    """Return the first error of a validation in one line: name, value, and what is allowed."""
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    if first["type"] == "missing":
+        return f"{name}: is missing"
+    if first["type"] == "extra_forbidden":
+        return f"{name}: is not known"
+    return f"{name}: {shortened(repr(first['input']))} is not allowed; {reason}"
+
+
+def shortened(text: str) -> str:
+    """Cut a text to the length that an error can show."""
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
