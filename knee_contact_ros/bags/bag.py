@@ -46,13 +46,13 @@ from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     LOAD_INPUTS,
-    MESSAGE_TYPES,
     types_in,
+    types_of,
     typestore,
 )
 from knee_contact_ros.system.errors import UsageError, join_faults, list_names
 
-INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
+INPUT_TYPES = types_of(INPUTS)
 """Types of the topics that drive the model, by their absolute names"""
 OTHER_WAYS = {
     JOINT_STATES: f"-p knee.source:={DYNAMIC_JOINT_STATES} reads those of ros2_control",

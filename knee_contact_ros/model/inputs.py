@@ -40,6 +40,8 @@ _MAX_LOAD = 10.0
 """Load [BW] beyond that of any knee in gait"""
 _HEAVIEST = 2000.0
 """Body weight [N] for `_MAX_LOAD` if it is not known: beyond that of nearly all people"""
+MOST_PLAUSIBLE_LOAD = _MAX_LOAD * _HEAVIEST
+"""Load [N] beyond that of any knee"""
 _STANDING_LOAD = 0.5
 """Load [BW] above which a leg counts as standing"""
 _TYPICAL_WEIGHT = 735.0

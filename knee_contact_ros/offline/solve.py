@@ -81,9 +81,7 @@ def solve(
     inputs = BagInputs(bag, parameters, names)
     inputs.check_joints(parameters.joints())
     pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
-    if recording:
-        pipeline.resume_recording(recording.ticks_before)
-    elif parameters.frame.tibia:
+    if not recording and parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
@@ -93,6 +91,8 @@ def solve(
     ):
         if compiled is not False:
             pipeline.compile_model()
+        if recording:
+            _resume(pipeline, recording)
         summary = _empty_summary(pipeline, rings=not (recording and recording.changes))
         held = HeldAnswers()
         takers: list[Callable[[AnswerBlock], object]] = [summary.add_block, held.add_block]
@@ -121,6 +121,18 @@ def solve(
         if not summary.ticks:
             raise nothing_computed(bag, "tick could be computed", pipeline, summary.damage)
     return summary
+
+
+def _resume(pipeline: ContactPipeline, recording: Provenance) -> None:
+    """Continue the run of a recording.
+
+    Raises:
+        UsageError: the state in the recording is damaged.
+    """
+    try:
+        pipeline.resume_recording(recording.ticks_before, recording.state)
+    except (TypeError, ValueError, IndexError) as error:
+        raise UsageError(f"{recording.recording}: its state is damaged: {error}") from None
 
 
 def _empty_summary(pipeline: ContactPipeline, rings: bool) -> Summary:

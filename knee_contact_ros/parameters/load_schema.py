@@ -88,12 +88,14 @@ class PersonSection(Section):
     """[m] body height"""
     moment_arm_scale: float = Field(1.75, ge=0.3, le=3.0)
     """factor for the published moment arms of the muscles"""
-    co_contraction: float = Field(0.39, ge=0.0, le=3.0)
+    co_contraction: float = Field(0.48, ge=0.0, le=3.0)
     """smallest pull of antagonists, as a fraction of the vertical ground force"""
-    tone: float = Field(0.27, ge=0.0, le=2.0)
+    tone: float = Field(0.3, ge=0.0, le=2.0)
     """smallest pull of antagonists, as a fraction of body weight"""
     electromechanical_delay: float = Field(0.025, ge=0.0, le=0.2)
     """[s] time constant with which muscle forces follow the demand; 0: at once"""
+    expected_load: float = Field(0.5, ge=0.0, le=1.0)
+    """weight of the load that other people's knees bear at that moment of a level stride; 0: the sensors alone"""
 
     @property
     def constants(self) -> Person:

@@ -15,7 +15,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.sweep import sweep
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
-from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import LOAD_INPUTS, types_of
 from tests.helpers.bags import raw_messages
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
@@ -359,7 +359,7 @@ body_weight: 700
 side: left
 """
     assert importing(table, text, files=("cells.csv", plate)) == 0
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
+    types = types_of(LOAD_INPUTS)
     messages = raw_messages(Path("bag"), types)
     grounds = [
         WRENCH.decode_message(m.data) for m in messages if m.topic == "/ground_reaction_force"
