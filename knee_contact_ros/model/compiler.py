@@ -289,22 +289,24 @@ def object_code(code: str, target: Target, entry: str = ENTRY) -> bytes:
     return bytes(machine.emit_object(whole))
 
 
-def linker(target: Target) -> list[str]:
+def linker(target: Target, *, portable: bool = False) -> list[str]:
     """Return the command that links libraries for a target: the compiler of this machine, or Zig's, from PyPI.
+
+    Zig's alone makes a `portable` library, which runs on older systems than this one, too.
 
     Raises:
         BuildError: there is none.
     """
     own = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    if own and host() == target:
+    if own and not portable and host() == target:
         return [own]
     if target.linker and importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc", "-target", target.linker]
     raise BuildError("there is no linker: install a C compiler, or `pip install ziglang`")
 
 
-def build(code: str, target: Target, library: Path) -> None:
-    """Build a library from a kernel's code; the file appears only when it is complete.
+def build(code: str, target: Target, library: Path, *, portable: bool = False) -> None:
+    """Build a library from a kernel's code; the file appears only when it is complete. See `linker` for `portable`.
 
     Raises:
         BuildError: a tool is missing or fails.
@@ -317,8 +319,12 @@ def build(code: str, target: Target, library: Path) -> None:
         parts = [Path(folder, f"{entry}.o") for entry in copies]
         for part, (entry, cpu) in zip(parts, copies.items(), strict=True):
             part.write_bytes(object_code(code, target._replace(cpu=cpu), entry))
-        command = [*linker(target), "-shared", "-o", made, *parts, "-lm"]
-        linked = subprocess.run(command, capture_output=True, text=True, check=False)
+        command = [*linker(target, portable=portable), "-shared", "-o", str(made)]
+        if target.suffix == ".dylib":  # which would hold the name of this machine's folder
+            command.append("-Wl,-install_name,@rpath/kernel.dylib")
+        linked = subprocess.run(
+            [*command, *parts, "-lm"], capture_output=True, text=True, check=False
+        )
         if linked.returncode:
             raise BuildError(f"{command[0]}: {' '.join(linked.stderr.split())[:300]}")
         made.replace(library)

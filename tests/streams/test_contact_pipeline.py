@@ -28,7 +28,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
+from knee_contact_ros.streams.topics import recorded_topics, types_of
 from tests.helpers.offline import solve
 from tests.helpers.scenes import quick
 
@@ -177,7 +177,7 @@ def test_a_recording_that_begins_in_a_motion_is_unknown_at_first() -> None:
 def test_a_recording_of_both_is_computed_again_from_itself(
     right_bag: Path, tmp_path: Path
 ) -> None:
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in recorded_topics(has_both=True)}
+    types = types_of(recorded_topics(has_both=True))
     parameters = load_parameters(
         ["healthy", "both_compartments", {"lateral.contact.damping": 900.0}]
     )
