@@ -143,7 +143,7 @@ def translate(entry: Callable[..., Any], knee: Any) -> str:
 
     call_type, add_type = BaseFunction.get_call_type, Variable.add_type
     resolve = cache(lambda self, context, args, named: call_type(self, context, args, dict(named)))
-    BaseFunction.get_call_type = lambda self, context, args, named: resolve(
+    BaseFunction.get_call_type = lambda self, context, args, named: resolve(  # type: ignore[method-assign, assignment]
         self, context, tuple(args), tuple(named.items())
     )
     Variable.add_type = lambda self, kind, loc: add_type(self, unliteral(kind), loc)
