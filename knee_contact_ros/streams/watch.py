@@ -57,7 +57,7 @@ def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
         beyond_words(model),
         doubts,
         inputs,
-        AxisCheck(turned_by(parameters)),
+        AxisCheck(parameters.inputs()[1].topic, turned_by(parameters)),
     )
 
 
