@@ -23,7 +23,7 @@ from std_msgs.msg import Float64
 import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
+from knee_contact_ros.streams.topics import EACH_TICK, recorded_topics, types_of
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.system.ros import NO_EVENTS_EXECUTOR
 from tests.helpers.answers import FIELDS
@@ -290,9 +290,7 @@ def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path:
         "bag_0.mcap",
         "metadata.yaml",
     ]
-    messages = read_bag(
-        recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
-    )
+    messages = read_bag(recording.parent, types_of(EACH_TICK))
     count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in EACH_TICK}
     assert count == {
         "/joint_states": 41,
