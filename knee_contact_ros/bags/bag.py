@@ -66,6 +66,11 @@ MAX_MESSAGE_SIZE = 2**24
 ORIGIN = "origin"
 """Name of the metadata record of an imported bag, which describes its origin"""
 
+DOUBTS = "doubts"
+"""Entry of that record with what the importer doubted, a sentence a line"""
+DOUBTED = "the import doubted: "
+"""Beginning of such a sentence, where a bag is computed"""
+
 
 class RawMessage(NamedTuple):
     """Message of a bag that is not decoded."""
@@ -185,6 +190,12 @@ class Bag:
             return float(origin.get("body_weight", "").removesuffix("N")) or None
         except ValueError:
             return None
+
+    @property
+    def doubts(self) -> list[str]:
+        """What an importer doubted, as sentences; also in what was computed from its bag."""
+        doubts = (self.first_metadata(ORIGIN) or {}).get(DOUBTS, "").splitlines()
+        return [doubt if doubt.startswith(DOUBTED) else DOUBTED + doubt for doubt in doubts]
 
     def first_metadata(self, name: str) -> dict[str, str] | None:
         """Return the content of the first metadata record of a name; None if there is none."""

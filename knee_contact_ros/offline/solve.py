@@ -81,6 +81,7 @@ def solve(
     pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
     if not recording and parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
+    pipeline.doubts.about_import = bag.doubts
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
     with (

@@ -505,7 +505,8 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
     assert importing(None, text, files=["walk.c3d"]) == 0
     angles, forces = content()
     np.testing.assert_allclose(angles_of(angles), flexion(time), atol=1e-4)
-    np.testing.assert_allclose(loads_of(forces), load(time), atol=1e-3)
+    # A mean over two frames lowers what varies at 1.8 Hz by 0.3 %; at the ends nothing is beyond.
+    np.testing.assert_allclose(loads_of(forces)[1:-1], load(time)[1:-1], atol=5.0)
     assert stamps_of(forces) == np.rint(1e9 * time).astype(int).tolist()
 
 

@@ -407,7 +407,8 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
         model = build_model(own, curves=texts)
     except UsageError:  # a file that the parameters name is missing
         own, _ = compartment_of_topic(topic, resolved_parameters(basis), {})
-    doubts = doubts_about(own, model) if model else Doubts()
+    doubts = doubts_about(own, model, is_lateral(topic)) if model else Doubts()
+    doubts.about_import = bag.doubts
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch
     ringing = Ringing(model) if model and stored and not stored.changes else None
