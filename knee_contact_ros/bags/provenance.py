@@ -161,6 +161,12 @@ def read_provenance(bag: Path | Bag) -> Provenance | None:
         raise UsageError(
             f"{path} continues {begin}, which holds the parameters: give the whole folder, or --params"
         )
+    sets = {tuple(sorted(one.items())) for one in map(_of_result, records) if one}
+    if len(sets) > 1:
+        raise UsageError(
+            f"{path} holds answers that were computed with {len(sets)} sets of parameters: give its recordings one by "
+            "one, or --params"
+        )
     values = _values_in(path, PROVENANCE, record)
     if record is None or values is None:
         return None
@@ -195,6 +201,15 @@ def recorded_flags(recording: Bag, provenance_name: str = PROVENANCE) -> list[Fl
                 tick = int(content[TICK]) - int(begin[TICKS_BEFORE])
                 flags.append(Flags(tick, int(content[STATUS]) & ALL_BITS))
     return sorted(flags, key=lambda each: each.tick)
+
+
+def _of_result(record: tuple[str, Mapping[str, str]]) -> dict[str, str]:
+    """Return what answers depend on in a metadata record of our provenance; empty if it is none."""
+    name, content = record
+    if name != PROVENANCE or not content.get("package", "").startswith(OURS):
+        return {}
+    files = {key: text for key, text in content.items() if key.startswith(CURVE)}
+    return files | {"parameters": content.get("parameters", "")}
 
 
 def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Annotated
 
 from pydantic import Field
 
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.parameters.sections import (
     ANGLE_SOURCE_MEANING,
@@ -107,6 +109,16 @@ class LoadParameters(NodeSection):
     node = "knee_load"
     folder = "load"
     force_source, usual_forces = "ground.source", "ground_reaction_force"
+    companion = "knee_contact"
+    other_names = MappingProxyType(
+        {
+            "body_weight": ("person.mass", 1.0 / GRAVITY),
+            "knee.flexion_sign": ("knee.sign", 1.0),
+            "knee.flexion_offset": ("knee.offset", 1.0),
+        }
+    )
+    encoder = ("knee.source", "knee.joint_name", "knee.sign", "knee.offset")
+    about_person = MappingProxyType({"person.mass": "kg", "person.height": "m"})
 
     level: Annotated[str, one_of(_AUTO, *LOAD_LEVELS)] = Field(
         _AUTO,

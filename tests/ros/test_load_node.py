@@ -12,6 +12,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import LoadEstimate
 from lifecycle_msgs.msg import State
+from rcl_interfaces.srv import GetParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -25,7 +26,16 @@ from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED
 from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, WHOLE_LEG, walk, walking_bag
-from tests.ros.conftest import Peer, Start, answers_in, change_state, raw, set_parameters, state_of
+from tests.ros.conftest import (
+    Peer,
+    Start,
+    answers_in,
+    call,
+    change_state,
+    raw,
+    set_parameters,
+    state_of,
+)
 
 NODE = "knee_load"
 REACTION, ESTIMATE = (f"/{topic}" for topic in LOAD_RECORDED[2:])
@@ -40,9 +50,7 @@ class LegPeer(Peer):
 
     def __init__(self) -> None:
         super().__init__()
-        self.node.destroy_publisher(
-            self.force
-        )  # the load node publishes this, and would tell of another one
+        self.node.destroy_publisher(self.force)  # the node publishes that
         qos = QoSProfile(depth=1000)
         self.ground = self.node.create_publisher(WrenchStamped, FORCE, qos)
         self.heard: dict[str, list[bytes]] = {REACTION: [], ESTIMATE: []}
@@ -71,6 +79,16 @@ class LegPeer(Peer):
         for message in messages:
             (self.angle if message.topic == ANGLES else self.ground).publish(message.data)
         self.wait_until(lambda: len(self.heard[ESTIMATE]) == len(self.heard[REACTION]) == forces)
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    """This process's side of the graph, which does not publish what the node publishes."""
+    peer = Peer()
+    peer.node.destroy_publisher(peer.force)
+    yield peer
+    peer.executor.shutdown()
+    peer.node.destroy_node()
 
 
 @pytest.fixture
@@ -212,3 +230,34 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     assert leg.contacts[:20] == answers[:20]
     assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]
     node.stop()
+
+
+def test_both_nodes_take_person_and_encoder_from_one_section_and_say_what_nobody_set(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(
+        "knee_load:\n  ros__parameters:\n    person.mass: 92.0\n    knee: {joint_name: motor, sign: -1.0}\n"
+        "knee_contact:\n  ros__parameters:\n    load.share: 0.6\n"
+    )
+    node = start_node("--params-file", file, kind="load --with-contact")
+    wanted = ["body_weight", "knee.joint_name", "knee.flexion_sign"]
+    peer.client(GetParameters, "/knee_contact/get_parameters")
+    found = call(
+        peer, GetParameters, "/knee_contact/get_parameters", GetParameters.Request(names=wanted)
+    ).values
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
+    assert found[0].double_value == pytest.approx(92.0 * 9.80665)
+    assert [found[1].string_value, found[2].double_value] == ["motor", -1.0]
+    said = node.stop()
+    assert "nobody has set person.height (1.75 m is used)" in said
+    assert "body_weight" not in said
+
+    said = start_node("--params-file", file, "body_weight:=700.0").end()[1]
+    assert "body_weight: 700 is not allowed beside person.mass 92" in said
+    alone = start_node("person.mass:=92.0")
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
+    assert "nobody" not in alone.stop()
+    alone = start_node()
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
+    assert "nobody has set body_weight (737.068 N is used)" in alone.stop()
