@@ -237,6 +237,8 @@ class Health:
         full = 100.0 * paired.fill
         jumps = {JOINT_STATES: paired.angle_time.jumps, force: paired.load_time.jumps}
         values = {f"jumps of {topic}": str(number) for topic, number in jumps.items()}
+        missing = {JOINT_STATES: paired.angle_time.missing, force: paired.load_time.missing}
+        values |= {f"missing of {topic}": str(number) for topic, number in missing.items()}
         values["queue [%]"] = f"{full:.0f}"
         values["angles not recorded"] = str(paired.unrecorded_angles)
         if paired.lead is not None:
@@ -258,6 +260,7 @@ class Health:
         off_time = self.increase("off time", off_time)
         if off_time:
             problems.append(f"{off_time} stamps fit neither the sample before nor the other topic")
+        problems += self._clock_problems(missing)
         if abs(lead) > self.parameters.pairing.max_gap:
             problems.append(self._lead_problem(lead))
         if full >= 100.0 * WARNING_FILL:
@@ -265,6 +268,21 @@ class Health:
         level, text = warning_of(*problems)
         self.warn("pairing", text, LOG_PERIOD)
         return "pairing", values, (ERROR if lost else level, text)
+
+    def _clock_problems(self, missing: dict[str, int]) -> list[str]:
+        """Sentences about a clock that was set back, and about `missing` samples, by their topic."""
+        paired, force = self._pipeline.synchroniser, self._pipeline.force_topic
+        problems = []
+        if paired.set_apart:
+            topic = JOINT_STATES if paired.set_apart > 0 else force
+            problems.append(
+                f"the clock of {topic} was set back by {abs(paired.set_apart):.3f} s, and the other's was not: the "
+                "answers are flagged (STALE_INPUT); ~/reset once the clocks agree"
+            )
+        for topic, number in missing.items():
+            if lost_now := self.increase(f"missing {topic}", number):
+                problems.append(f"{lost_now} samples of {topic} are missing: holes in its stamps")
+        return problems
 
     def _lead_problem(self, lead: float) -> str:
         """Sentence about forces whose stamps are ahead of those of the angles by too much [s], or behind."""
