@@ -27,6 +27,7 @@ from knee_contact_ros.commands.options import (
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import check_distinct, require
 from knee_contact_ros.system.output_files import check_not_input, write_complete
+from knee_contact_ros.system.portable import link_or_copy
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import say, warn
 
@@ -58,11 +59,11 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
         folder = Path(work, "+".join(bag.name for bag in bags)[:_MAX_NAME_LENGTH])
         folder.mkdir()
         for link, file in zip(links, files, strict=True):
-            (folder / link).symlink_to(file.resolve())
+            link_or_copy(file, folder / link)
         content = {"relative_file_paths": links, "topics_with_message_count": []}
         # JSON is YAML.
         text = json.dumps({"rosbag2_bagfile_information": content})
-        (folder / METADATA).write_text(text)
+        (folder / METADATA).write_text(text, encoding="utf-8")
         try:
             yield folder
         except CommandError as error:
@@ -240,7 +241,8 @@ def view(
     from knee_contact_ros.view.output import require_viewer
 
     for source in sources:
-        input_path(source)  # an address is no path that is there
+        if "://" not in source:
+            input_path(source)
     require_viewer()  # before what imports its library
     from knee_contact_ros.commands.view import run_view
 
