@@ -43,7 +43,7 @@ class KneeConstants(NamedTuple):
     force_tolerance: float
     """Tolerated error of the contact force [N]; 0: no limit"""
     budget: int
-    """Largest number of contact law evaluations in a tick"""
+    """Largest number of evaluations of the contact in a tick, probes of its flights included"""
     level: int
     """The equations that a tick solves; see `ticks.py`"""
     allow_tension: bool

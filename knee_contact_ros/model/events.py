@@ -45,8 +45,6 @@ MAX_EVENT_ITERATIONS = 60
 """Largest number of attempts to end a step on a boundary"""
 MIN_PROBES = 16
 """Smallest number of probes of a flight through overlapping surfaces. Tuned; `studies.honesty cut` would notice."""
-MAX_PROBES = 4096
-"""Largest number of probes in all flights of a tick"""
 GRAZE_TOLERANCE = 1e-5
 """Part of the tolerance by which a point may graze the other surface unseen between two probes of a flight. Tuned;
 `studies.honesty scenes` would notice: with a thousand times as much, 20 of 0.14 million forces are not covered."""

@@ -45,9 +45,9 @@ LARGEST_ANGLE = 10.0
 LARGEST_HEIGHT = 10.0
 """Prescribed femoral height [m] above which a sample must be a fault of its source."""
 BUDGET = 20_000
-"""Default of the largest number of contact law evaluations in a tick"""
+"""Default of the largest number of evaluations in a tick"""
 MOST_BUDGET = 100_000
-"""Largest number of contact law evaluations in a tick if the budget is 0"""
+"""Largest number of evaluations in a tick if the budget is 0"""
 _SAMPLE_LAYOUT = Struct("4d")
 """Writes a row of `samples`, in a quarter of the time that NumPy takes"""
 _PLAUSIBLE_SHARE = 0.2
@@ -79,7 +79,7 @@ class KneeModel:
     tolerance: float = 1e-6
     """Tolerated error of the penetration depth [m]"""
     budget: int = BUDGET
-    """Largest number of contact law evaluations in a tick; 0: 100 000"""
+    """Largest number of evaluations of the contact in a tick, probes of its flights included; 0: 100 000"""
     force_tolerance: float = 0.0
     """Tolerated error of the contact force [N]; 0: no limit"""
     allow_tension: bool = False

@@ -54,7 +54,6 @@ from knee_contact_ros.model.error_estimate import (
     with_step_error,
 )
 from knee_contact_ros.model.events import (
-    MAX_PROBES,
     end_on_boundary,
     probe_flight,
     smooth_stretch,
@@ -108,18 +107,19 @@ class Touch(NamedTuple):
 
 @inlined
 def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -> Result:
-    """Carry the femur over the interval with at most `most` evaluations of the contact law."""
+    """Carry the femur over the interval with at most `most` evaluations of the contact."""
     mode = Mode(knee, tick, APART, False, 0.0)
     motion = Motion(
         0.0, start.height, start.velocity, stage_at(mode, 0.0, start.height, start.velocity)
     )
     touch = Touch(start.impact_speed, start.impact_error, 0.0, 0.0)
     error, try_step = start.error, start.try_step
-    stretch_end, next_stretch, used, probed, events, given_up = 0.0, 0.0, 0, 0, 0, False
+    stretch_end, next_stretch, used, events, given_up = 0.0, 0.0, 0, 0, False
     while motion.time < tick.duration and not given_up:
         if motion.time >= stretch_end:
             if next_stretch > motion.time:
                 motion = over_kink(mode, motion, next_stretch)
+                used += 1
             stretch_end, next_stretch = tick.duration, tick.duration
             if len(knee.surfaces.kinks) > 0:
                 stretch_end, next_stretch = smooth_stretch(knee, tick, motion.time)
@@ -134,10 +134,9 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
                 mode, begin, stretch_end, try_step, most - used
             )
         else:
-            step, h, boundary, evaluations, probes, given_up = flight(
-                mode, begin, stretch_end, most - used, MAX_PROBES - probed
+            step, h, boundary, evaluations, given_up = flight(
+                mode, begin, stretch_end, most - used
             )
-            probed += probes
         used += evaluations
         if given_up:
             break
@@ -268,27 +267,21 @@ def pressed_step(
 
 @inlined
 def flight(
-    mode: Mode, begin: Motion, until: float, room: int, probes_left: int
-) -> tuple[Step, float, int, int, int, bool]:
+    mode: Mode, begin: Motion, until: float, room: int
+) -> tuple[Step, float, int, int, bool]:
     """Fly towards `until` [s] and end on the first boundary.
 
-    Returns the step, its duration [s], the boundary, the evaluations, the probes that count against `probes_left`, and
-    whether the tick must be given up. Apart, a probe evaluates no law, so that only their number is limited.
+    Returns the step, its duration [s], the boundary, the evaluations, and whether the tick must be given up. A probe
+    counts as an evaluation also where the surfaces are apart: on measured surfaces their distance is most of the work.
     """
-    apart, h = mode.layer == APART, until - begin.time
-    limit = probes_left if apart else min(MAX_PROBES, room - STEP_RESERVE)
-    low, high, before, boundary, probes = probe_flight(mode, begin, h, limit)
-    used = 0 if apart else probes
-    counted = probes if apart else 0
-    if boundary == NO_BOUNDARY or probes >= limit:
-        step = flight_step(mode, begin, h)
-        return step, h, NO_BOUNDARY, used, counted, probes >= limit
+    h, limit = until - begin.time, room - STEP_RESERVE
+    low, high, before, boundary, used = probe_flight(mode, begin, h, limit)
+    if boundary == NO_BOUNDARY or used >= limit:
+        return flight_step(mode, begin, h), h, NO_BOUNDARY, used, used >= limit
     step, h, boundary, evaluations = end_on_boundary(
         mode, begin, low, high, before, boundary, room - used
     )
-    if not apart:
-        used += evaluations
-    return step, h, boundary, used, counted, False
+    return step, h, boundary, used + evaluations, False
 
 
 @inlined

@@ -226,7 +226,7 @@ class Contact(Row):  # type: ignore[misc]
     force_error_estimate: Annotated[float, Field("N", added=True)]
     """Estimated error of `contact_force` against the exact solution of the scene"""
     evaluations: Annotated[int, Field(kind=np.uint32)]
-    """Contact law evaluations that this tick took"""
+    """Evaluations of the contact that this tick took, and probes of its flights"""
     contact_wrench: Wrench
     """The contact force on the tibia, as it is published beside the message"""
     stamp: Annotated[int, Field("ns", np.int64)]

@@ -255,8 +255,8 @@ class FidelitySection(Section):
     budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = Field(
         BUDGET, ge=0
     )
-    """largest number of contact law evaluations in a tick; a tick that reaches it gets the static contact and a
-    flag, and so do later ticks until the contact has settled; 0: 100000"""
+    """largest number of evaluations of the contact in a tick, probes of its flights included; a tick that reaches it
+    gets the static contact and a flag, and so do later ticks until the contact has settled; 0: 100000"""
 
 
 class RerunSection(Section):

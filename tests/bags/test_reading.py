@@ -179,7 +179,6 @@ def test_a_missing_topic_is_refused_with_those_there_are(
     with pytest.raises(UsageError) as caught:
         raw_messages(empty(tmp_path / "bag.mcap", channels))
     assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_topic_that_is_no_cdr_is_refused(tmp_path: Path) -> None:

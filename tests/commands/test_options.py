@@ -22,7 +22,6 @@ from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.commands import run
-from tests.helpers.needs import HAS_REPORT, needs_viewer
 from tests.helpers.offline import estimate_load
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
@@ -175,15 +174,3 @@ def test_changed_parameters_in_a_recording_are_reported(tmp_path: Path, capsys: 
     assert "parameters changed 1 times in it; those of its beginning are used" in " ".join(
         capsys.readouterr().err.split()
     )
-
-
-@pytest.mark.skipif(not HAS_REPORT, reason="needs the extra report")
-def test_a_report_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
-    assert run(f"report {estimated} --output {tmp_path}/report") == 0
-    assert (tmp_path / "report" / "report.html").exists()
-
-
-@needs_viewer
-def test_a_view_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
-    assert run(f"view {estimated} --save {tmp_path}/knee.rrd") == 0
-    assert (tmp_path / "knee.rrd").exists()

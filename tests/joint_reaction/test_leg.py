@@ -36,7 +36,6 @@ from tests.joint_reaction.examples import (
 )
 from tests.joint_reaction.lagrange import Chain, Holds
 
-AIR = Ground((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 ROUNDINGS = 1e-10
 """[N m] or [N]: the reference subtracts powers up to 1e5 W, some ten roundings of 1e-16 of them"""
 FEW = 1e-11

@@ -12,6 +12,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
+from knee_contact_ros.model import contact
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import Fidelity, Status
@@ -61,6 +62,28 @@ def test_no_tick_takes_more_than_its_budget_and_one_that_would_says_so() -> None
         assert (said | (series.error_estimate <= knee.tolerance)).all()
         given_up += int(lost(series).sum())
     assert given_up > 500
+
+
+def test_no_tick_looks_at_the_surfaces_more_often_than_its_budget_allows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Flights over measured surfaces need many probes, though they evaluate no law."""
+    looks, touch = [0], contact.touch
+
+    def counted(*arguments: Any) -> Any:
+        looks[-1] += 1
+        return touch(*arguments)
+
+    monkeypatch.setattr(contact, "touch", counted)
+    for seed in range(9):
+        rng = np.random.default_rng((47, seed))
+        pair = PAIRS[("dents", "cup", "plateau")[seed % 3]]()
+        knee = model(law("kelvin_voigt"), mass=10.0 ** rng.uniform(-1.0, 1.0), pair=pair)
+        stream = replace(knee, budget=300).stream()
+        for i in range(8):
+            looks.append(0)
+            stream.tick(0.1 * i, rng.uniform(0.0, 1.4), 10.0 ** rng.uniform(-2.0, 1.0))
+    assert 250 < max(looks) <= 300
 
 
 def test_a_given_up_tick_is_answered_with_the_contact_at_rest() -> None:

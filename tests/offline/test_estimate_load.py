@@ -25,7 +25,6 @@ from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
-from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.commands import run
@@ -201,19 +200,6 @@ def test_a_split_estimate_can_be_solved(tmp_path: Path) -> None:
     assert len(raw(folder)) == 960
     estimate(folder, tmp_path / "again.mcap", {})
     assert raw(tmp_path / "again.mcap") == raw(folder)
-
-
-def test_the_frontal_moment_splits_the_load_where_it_is_known(
-    walking: Path, estimated: Path, tmp_path: Path
-) -> None:
-    by_moment = load_parameters({"load.compartment": "moment_balance"})
-    assert solve(estimated, by_moment, None).ticks == 240
-    insole = tmp_path / "insole.mcap"
-    estimate(walking, insole, {})
-    with pytest.raises(
-        UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"
-    ):
-        solve(insole, by_moment, None)
 
 
 def test_a_damaged_bag_is_read_as_far_as_it_can_be(

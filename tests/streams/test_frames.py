@@ -26,7 +26,6 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 
-Vector = tuple[float, float, float]
 NOWHERE = (0.0, 0.0, 0.0)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 ROUNDING = 1e-12

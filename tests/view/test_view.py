@@ -227,15 +227,6 @@ def test_bad_input_is_refused_in_one_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old.rrd", "text.mcap"]
 
 
-def test_overwrite_replaces_an_old_file_but_no_input(osteoarthritic: Path, tmp_path: Path) -> None:
-    (tmp_path / "old.rrd").write_text("old")
-    assert run(f"view {osteoarthritic} --save {tmp_path}/old.rrd --overwrite") == 0
-    before = osteoarthritic.read_bytes()
-    assert run(f"view {osteoarthritic} --save {osteoarthritic} --overwrite") == 2
-    assert osteoarthritic.read_bytes() == before
-    assert len(column(tmp_path / "old.rrd", "/knee/curves/flexion", "Scalars:scalars")) == 387
-
-
 @contextmanager
 def viewing(words: str) -> Iterator[subprocess.Popen[str]]:
     """The command in a process of its own, which is gone afterwards with all that it has started."""

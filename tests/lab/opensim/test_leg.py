@@ -223,9 +223,8 @@ def test_forces_that_cannot_act_on_this_foot_are_refused(
     tmp_path: Path, axis: str, values: np.ndarray, says: str
 ) -> None:
     file = ground(tmp_path, **{f"ground_force_r_{axis}": values})
-    with pytest.raises(UsageError, match=says) as refused:
+    with pytest.raises(UsageError, match=says):
         leg.about_ankle(leg.during(file, file.data.stamps), ANKLE)
-    assert "\n" not in str(refused.value)
 
 
 def stands_still(

@@ -324,9 +324,8 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(
         ),
     ):
         (out / name).write_bytes(content)
-        with pytest.raises(UsageError, match=said) as raised:
+        with pytest.raises(UsageError, match=said):
             computed(asked, out, scheduler=address)
-        assert "\n" not in str(raised.value)
         (out / name).unlink()
     (out / "_unfinished").write_bytes(whole[:100])  # of one that was killed
     assert computed(asked, out, scheduler=address)[1] > 0
