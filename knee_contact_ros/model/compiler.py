@@ -329,7 +329,9 @@ def build(code: str, target: Target, library: Path) -> None:
             str(part.with_suffix(target.suffix)),
             str(part),
         ]
-        linked = subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)
+        linked = subprocess.run(
+            [*command, "-lm"], capture_output=True, errors="replace", encoding="utf-8", check=False
+        )
         if linked.returncode:
             raise BuildError(f"{command[0]}: {' '.join(linked.stderr.split())[:300]}")
         part.with_suffix(target.suffix).replace(library)

@@ -162,7 +162,7 @@ def portable_code() -> str:
     # By its full name: this module may be the one that was started.
     code = "from knee_contact_ros.model.kernel import translated_run; print(translated_run())"
     made = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+        [sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False
     )
     if made.returncode:
         raise BuildError(f"Numba: {made.stderr.strip().splitlines()[-1]}")
