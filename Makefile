@@ -28,7 +28,7 @@ LOWEST := .venv-lowest
 test-lowest: | $(BIN)/uv
 	$(PYTHON) -m venv --clear $(LOWEST)
 	VIRTUAL_ENV=$(CURDIR)/$(LOWEST) $(BIN)/uv pip install --quiet --resolution lowest-direct \
-		--only-binary :all: --no-binary empy --editable . --group dev
+		--only-binary :all: --no-binary empy --config-settings messages=yes --editable '.[ros]' --group dev
 	$(LOWEST)/bin/python -m pytest --numprocesses 2 --dist loadgroup --no-loadscope-reorder --max-worker-restart 0 $(ARGS)
 
 test-package: $(VENV)/.installed-dev
@@ -68,7 +68,7 @@ $(BIN)/uv:
 
 $(VENV)/.installed: $(BUILD_FILES) | $(BIN)/uv
 	@echo "== Installing ROS 2 Jazzy and the other dependencies, and building the messages (half a minute the first time)"
-	$(BIN)/uv pip install --quiet --editable '.[viewer,report]'
+	$(BIN)/uv pip install --quiet --config-settings messages=yes --editable '.[ros,viewer,report]'
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed

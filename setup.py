@@ -1,21 +1,29 @@
-"""The pip side of the package: builds the ROS messages, with the CMakeLists.txt that colcon uses, and the model.
+"""The pip side of the package, and its build backend.
 
-`build_ext` configures, builds and installs the CMake project into a staging folder; `install_data` packs what belongs
-beside the Python modules: the message libraries and what `ros2 run` starts (`lib/`), the generated message modules
-(`site-packages/`) and the ament resources (`share/`). An editable install takes the same way, so the source tree holds
-no generated file.
+A build makes the compiled model, if it can. Where ROS's generators of messages are importable, as in the environment of
+`make demo`, it also builds the messages, with the CMakeLists.txt that colcon uses; a wheel without them needs no ROS.
+pip and uv build in an environment of their own: `--config-settings messages=yes` brings the generators there, and
+`library=no` leaves out what the compiled model needs.
+
+`build_ext` builds; `install_data` packs what belongs beside the Python modules: the package's files (`share/`) and of
+the messages the libraries, what `ros2 run` starts (`lib/`) and their modules. An editable install takes the same way,
+so the source tree holds no generated file but the compiled model.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import os
+import platform
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from setuptools import Distribution, setup
+from setuptools import Distribution, build_meta, setup
+from setuptools.build_meta import *  # noqa: F403  (the rest of the backend)
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 from setuptools.errors import SetupError
 
@@ -24,30 +32,102 @@ from distutils.command.install_data import install_data  # setuptools provides i
 
 PACKAGE = "knee_contact_ros"
 ROOT = Path(__file__).parent.resolve()
+SHARED = ("bags", "config", "examples", "launch", "msg", "urdf", "package.xml")
+"""What an installation has besides modules; CMakeLists.txt names the same"""
+FOR_MODEL = ["numba>=0.68,<0.69", "numpy", "scipy>=1.11,<2"]
+"""What the compiled model is built with, besides a C compiler"""
+NO_NUMBA = ("Darwin", "x86_64")
+"""System and processor for which Numba has no wheels"""
+TOOLS = ["cmake>=3.20", "ninja", "empy", "catkin-pkg"]
+GENERATORS = [
+    f"ros-jazzy-{name}"
+    for name in (
+        "ament-cmake",
+        "ament-cmake-gmock",
+        "ament-cmake-gtest",
+        "ament-cmake-include-directories",
+        "ament-cmake-pytest",
+        "ament-cmake-ros",
+        "ament-package",
+        "fastrtps-cmake-module",
+        "geometry-msgs",
+        "python-cmake-module",
+        "rmw-fastrtps-cpp",
+        "rosidl-core-generators",
+        "rosidl-default-generators",
+        "std-msgs",
+    )
+]
+"""What the messages are built with"""
 
 
-def ros_prefix() -> Path:
-    """The environment that holds the ROS 2 packages: a virtual environment, or pip's isolated build folder."""
-    spec = importlib.util.find_spec("rosidl_adapter")
+def get_requires_for_build_wheel(settings: dict[str, Any] | None = None) -> list[str]:
+    """Return what a build needs that pyproject.toml does not name, as the standard of build backends has it."""
+    given = settings or {}
+    needed: list[str] = []
+    machine = platform.system(), platform.machine()
+    has_numba = machine[1] in {"x86_64", "AMD64", "aarch64", "arm64"} and machine != NO_NUMBA
+    if given.get("library") != "no" and has_numba and sys.version_info < (3, 15):
+        needed += FOR_MODEL
+        if not any(map(shutil.which, ("cc", "gcc", "clang"))):
+            needed.append("ziglang>=0.13")
+    if given.get("messages") == "yes":
+        needed += TOOLS + GENERATORS
+    return needed
+
+
+def get_requires_for_build_editable(settings: dict[str, Any] | None = None) -> list[str]:
+    """The same for an editable install; in a tree whose own environment has ROS, it stays one with messages."""
+    if list(ROOT.glob(".venv/lib/python*/site-packages/rclpy")):
+        settings = {"messages": "yes", **(settings or {})}
+    return get_requires_for_build_wheel(settings)
+
+
+def build_wheel(
+    folder: str, settings: dict[str, Any] | None = None, metadata: str | None = None
+) -> str:
+    """Build a wheel, and none without messages if they are asked for.
+
+    Raises:
+        SetupError: they cannot be built here.
+    """
+    if (settings or {}).get("messages") == "yes" and not ros_prefix():
+        raise SetupError("messages=yes: the ROS 2 message generators are not importable here")
+    name: str = build_meta.build_wheel(folder, settings, metadata)
+    return name
+
+
+def ros_prefix() -> Path | None:
+    """Return the environment of ROS's generators: a virtual one, or that of an isolated build; None without them."""
+    spec = find_spec("rosidl_adapter")
     if spec is None or spec.origin is None:
-        raise SetupError(
-            "rosidl_adapter is not importable: the ROS 2 message generators are missing from this build environment"
-        )
-    return Path(spec.origin).parents[4]
+        return None
+    prefix = Path(spec.origin).parents[4]
+    packages = (prefix / "share" / name for name in ("ament_cmake", "rosidl_default_generators"))
+    whole = all(map(shutil.which, ("cmake", "ninja"))) and all(
+        map(find_spec, ("catkin_pkg", "em"))
+    )
+    return prefix if whole and all(map(Path.is_dir, packages)) else None
 
 
-class BuildMessages(build_ext):
-    """Run CMake: configure, build, install into a staging folder."""
+class BuildParts(build_ext):
+    """Build the messages, into a staging folder, and the model."""
 
     @property
     def stage(self) -> Path:
         return Path(self.build_temp).resolve() / "stage"
 
     def run(self) -> None:
-        build_folder = Path(self.build_temp).resolve() / "cmake"
         shutil.rmtree(self.stage, ignore_errors=True)
+        if prefix := ros_prefix():
+            self.build_messages(str(prefix))
+        if find_spec("numba"):
+            self.build_model()
+
+    def build_messages(self, prefix: str) -> None:
+        """Run CMake: configure, build, install."""
+        build_folder = Path(self.build_temp).resolve() / "cmake"
         build_folder.mkdir(parents=True, exist_ok=True)
-        prefix = str(ros_prefix())
         environment = {**os.environ, "AMENT_PREFIX_PATH": prefix, "CMAKE_PREFIX_PATH": prefix}
         for arguments in (
             [
@@ -66,37 +146,65 @@ class BuildMessages(build_ext):
             ["--install", str(build_folder)],
         ):
             subprocess.run(["cmake", *arguments], env=environment, check=True)  # noqa: S607
-        self.build_model()
 
     def build_model(self) -> None:
-        """Build the library of the model beside its modules; without it the first use builds it."""
+        """Build the library of the model beside its modules; without it the first use tries to build it."""
         model = Path(ROOT if self.editable_mode else self.build_lib, PACKAGE, "model").resolve()
+        if not self.editable_mode:
+            for old in model.glob("knee_contact-*"):  # of an earlier build
+                old.unlink()
         code = f"from knee_contact_ros.model.kernel import build_in; build_in({str(model)!r})"
         if subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode:
             print("The library of the model could not be built; its first use tries again.")  # noqa: T201
 
 
-class InstallMessages(install_data):
-    """Pack the staged message parts, resources and what `ros2 run` starts into the wheel's data folder."""
+class InstallFiles(install_data):
+    """Pack the package's files, and of the messages what was staged, into the wheel's data folder."""
 
     def run(self) -> None:
         stage = self.get_finalized_command("build_ext").stage
-        (modules,) = stage.glob(f"lib*/python*/*-packages/{PACKAGE}")
-        parts = [
-            *stage.glob("lib/*.so"),
-            *stage.glob(f"lib/{PACKAGE}/*"),
-            *modules.glob("*.so"),
-            *modules.glob("msg/*.py"),
-            *(path for path in stage.glob("share/**/*") if path.is_file()),
-        ]
+        if stage.is_dir():
+            (modules,) = stage.glob(f"lib*/python*/*-packages/{PACKAGE}")
+            self.pack(
+                stage,
+                Path(),
+                *stage.glob("lib/*.so"),
+                *stage.glob(f"lib/{PACKAGE}/*"),
+                *modules.glob("*.so"),
+                *modules.glob("msg/*.py"),
+                *modules.parent.glob("tf2_msgs/**/*"),
+                *stage.glob("share/**/*"),
+            )
+        else:
+            for name in SHARED:
+                self.pack(ROOT, Path("share", PACKAGE), ROOT / name, *ROOT.glob(f"{name}/**/*"))
+
+    def pack(self, source: Path, place: Path, *parts: Path) -> None:
+        """Copy the files among some parts of a folder to a place in the data folder."""
         for part in parts:
-            target = Path(self.install_dir) / part.relative_to(stage)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(part, target)
-            self.outfiles.append(str(target))
+            if part.is_file() and part.suffix != ".pyc":
+                target = Path(self.install_dir) / place / part.relative_to(source)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(part, target)
+                self.outfiles.append(str(target))
 
 
-class RosDistribution(Distribution):
+class NamedWheel(bdist_wheel):
+    """A wheel for the Python that its messages are built for, else for any; without a library, for any machine."""
+
+    def finalize_options(self) -> None:
+        super().finalize_options()
+        self.root_is_pure = not (ros_prefix() or find_spec("numba"))
+
+    def get_tag(self) -> tuple[str, str, str]:
+        own: tuple[str, str, str] = super().get_tag()
+        if ros_prefix():
+            return own
+        model = Path(self.get_finalized_command("build_py").build_lib, PACKAGE, "model")
+        return "py3", "none", own[2] if list(model.glob("knee_contact-*")) else "any"
+
+
+class OwnDistribution(Distribution):
     """A distribution with compiled parts and data, although neither is listed by name."""
 
     def has_ext_modules(self) -> bool:
@@ -108,8 +216,13 @@ class RosDistribution(Distribution):
     has_data = has_data_files  # asked by editable installs
 
 
-setup(
-    distclass=RosDistribution,
-    ext_modules=[],
-    cmdclass={"build_ext": BuildMessages, "install_data": InstallMessages},
-)
+if __name__ == "__main__":
+    setup(
+        distclass=OwnDistribution,
+        ext_modules=[],
+        cmdclass={
+            "build_ext": BuildParts,
+            "install_data": InstallFiles,
+            "bdist_wheel": NamedWheel,
+        },
+    )

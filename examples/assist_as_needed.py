@@ -44,6 +44,7 @@ UNTRUSTED = {
     KneeContact.INPUT_HELD: "the flexion angle was held",
     KneeContact.NOT_CONVERGED: "the model did not meet its tolerance",
     KneeContact.IMPLAUSIBLE: "the depth makes no sense",
+    KneeContact.SEVERAL_PUBLISHERS: "another node sends answers, too",
 }
 """Status bits of an answer that must not drive a torque: together `KneeContact.UNUSABLE`. One refused sample
 (INPUT_REJECTED) is no reason: if all are refused, no answers come, and the time-out sees that."""

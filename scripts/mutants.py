@@ -180,7 +180,7 @@ MUTANTS = (
     Mutant(
         "the lateral load has no limit",
         "streams/contact_pipeline.py",
-        "if max(abs(medial), abs(axial - medial)) > LARGEST_LOAD:",
+        "if max(abs(medial), abs(load - medial)) > LARGEST_LOAD:",
         "if abs(medial) > LARGEST_LOAD:",
         "streams/test_samples.py",
     ),
@@ -250,7 +250,7 @@ MUTANTS = (
     Mutant(
         "the load of the other compartment has no limit",
         "streams/contact_pipeline.py",
-        "if max(abs(medial), abs(axial - medial)) > LARGEST_LOAD:",
+        "if max(abs(medial), abs(load - medial)) > LARGEST_LOAD:",
         "if abs(medial) > LARGEST_LOAD:",
         "streams",
     ),

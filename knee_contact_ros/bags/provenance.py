@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,21 +17,27 @@ from knee_contact_ros.parameters.curves import curve_files, read_curve
 from knee_contact_ros.parameters.files import flat_parameters, load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
+from knee_contact_ros.streams.output import (
+    ANSWERS_FLAGGED,
+    LOAD_PROVENANCE,
+    PROVENANCE,
+    STATUS,
+    TICK,
+)
 from knee_contact_ros.system.errors import UsageError
 
 PARAMETERS_CHANGED = "parameters_changed"
 """Name of the metadata record of changed parameters in a running node"""
 RESET = "reset"
 """Name of the metadata record of a reset of a running node"""
-TICK = "tick"
-"""Key in these two records for the number of ticks before"""
 TICKS_BEFORE = "ticks_before"
 """Key for the number of ticks that the node had computed before the recording began"""
 CURVE = "file of "
 """Prefix of the key for the content of a file that a parameter names; the name of the parameter follows"""
 OURS = "knee_contact_ros "
 """Prefix of the package's name and version in a record of this package"""
+ALL_BITS = 255
+"""All bits of a status"""
 NOT_OF_THE_RESULT = ("record.", "rerun.", "diagnostics.", "autostart", "deadline")
 """Prefixes of the names of parameters that no answer depends on"""
 
@@ -42,6 +49,15 @@ class Change(NamedTuple):
     """Number of ticks in the recording before the change"""
     values: dict[str, Any] | None
     """Changed parameters by name; None for a reset"""
+
+
+class Flags(NamedTuple):
+    """Bits of `Status` that all answers have from a tick on, for a reason that no sample shows."""
+
+    tick: int
+    """Number of ticks in the recording before"""
+    status: int
+    """The bits"""
 
 
 class Provenance(NamedTuple):
@@ -157,6 +173,18 @@ def read_provenance(bag: Path | Bag) -> Provenance | None:
         changes=tuple(changes),
         damage=tuple(damage),
     )
+
+
+def recorded_flags(recording: Bag, provenance_name: str = PROVENANCE) -> list[Flags]:
+    """Return the bits that the node of a recording gave to all later answers, in the order of the ticks."""
+    begin = recording.first_metadata(provenance_name)
+    flags = list[Flags]()
+    for name, content in recording.metadata:
+        if begin and name == ANSWERS_FLAGGED:
+            with suppress(KeyError, ValueError):  # a damaged record
+                tick = int(content[TICK]) - int(begin[TICKS_BEFORE])
+                flags.append(Flags(tick, int(content[STATUS]) & ALL_BITS))
+    return sorted(flags, key=lambda each: each.tick)
 
 
 def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:

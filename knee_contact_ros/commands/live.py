@@ -1,4 +1,4 @@
-"""Commands that need ROS: demo, node, load, replay."""
+"""Commands that need ROS: demo, node, load, watch, replay."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ _ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
 """Environment variables by which the setup file of a ROS puts itself on the path"""
 _MAX_DOMAIN = 232
 """Largest ROS domain; the ports of further ones do not exist"""
+_HOW = "docs/how-to/install.md in the package's sources says how to get it, under 'With ROS'"
 _CLOCK = "--clock"
 _NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
@@ -84,25 +86,32 @@ def demo(
     run_demo(bag, ParameterOptions(parameter_files).files(), of_load, companion, output, rate)
 
 
-def check_ros() -> None:
-    """Check that the chosen middleware is installed and can begin, and that ROS can be loaded.
+def check_ros(*, messages: bool = True) -> None:
+    """Check that the chosen middleware is installed and can begin, and that ROS and our messages can be loaded.
 
     Raises:
-        UsageError: the middleware is not installed, or another ROS is on the path, or a variable's value cannot be.
+        UsageError: ROS, the middleware or the messages are not installed, or another ROS is on the path, or a
+            variable's value cannot be.
     """
+    if find_spec("rclpy") is None:
+        raise UsageError(f"this command needs ROS 2: {sys.executable} finds no rclpy. {_HOW}")
     if words := missing_middleware():
         raise UsageError(words)
     check_environment()
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
-        given = [name for name in _ROS_PATHS if os.environ.get(name)]
-        if not given:
-            raise
+        advice = _HOW
+        if given := [name for name in _ROS_PATHS if os.environ.get(name)]:
+            advice = (
+                f"is another ROS on the path, by {', '.join(given)}? Use a shell that has sourced none: env "
+                f"{' '.join(f'-u {name}' for name in given)} ..."
+            )
+        raise UsageError(f"ROS cannot be loaded ({error}): {advice}") from None
+    if messages and find_spec("knee_contact_ros.msg") is None:
         raise UsageError(
-            f"ROS cannot be loaded ({error}): is another ROS on the path, by {', '.join(given)}? Use a shell that has "
-            f"sourced none: env {' '.join(f'-u {name}' for name in given)} ..."
-        ) from None
+            f"this command needs the package's ROS messages, which were not built with it. {_HOW}"
+        )
 
 
 def check_environment() -> None:
@@ -194,6 +203,28 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     run_kinds(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
 
 
+@click.command()
+@click.argument("name", metavar="[NODE]", default="")
+@click.option(
+    "--once",
+    is_flag=True,
+    help="Print one report, as soon as all is known; the exit code is 1 if the "
+    "newest answer is not usable.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON in SI units, a line a second.")
+@number_option("--wait", 0.1, 3600.0, 10.0, "With --once: wait for at most this long [s].")
+def watch(name: str, once: bool, as_json: bool, wait: float) -> None:
+    """Show what a running node hears and says, until Ctrl-C.
+
+    NODE is its name, such as left/knee_contact; without it the only node with contacts is shown. On a terminal the
+    picture stays in its place; elsewhere it is a line a second.
+    """
+    check_ros()
+    from knee_contact_ros.commands.watch import run_watch
+
+    run_watch(name, once, as_json, wait)
+
+
 class OptionalClockRate(click.Command):
     """A command whose option `--clock` may come without its number, also before the argument BAG."""
 
@@ -240,7 +271,7 @@ def replay(bag: Path, in_bag: BagNames, sensors: bool, **timing: Any) -> None:
     terminal, space pauses and resumes, s or the right arrow steps while paused, and the up and down arrows change the
     rate.
     """
-    check_ros()
+    check_ros(messages=False)
     from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS

@@ -21,7 +21,7 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT"""
 
 GROUPS = {
-    "See it": (live.demo, offline.view, lab.report, offline.table),
+    "See it": (live.demo, live.watch, offline.view, lab.report, offline.table),
     "Compute": (
         live.node,
         live.load,

@@ -20,6 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
 
 from knee_contact_ros.bags.bag import Bag, RawMessage, TopicReader
 from knee_contact_ros.bags.names import OWN_NAMES, Names, absolute
@@ -87,17 +88,9 @@ class Replayer:
         }
         self._clock = node.create_publisher(Clock, "/clock", _QOS) if clock else None
         if transforms:
-            try:
-                from tf2_msgs.msg import TFMessage
-            except ImportError:
-                say(
-                    f"the ROS 2 package tf2_msgs is not installed: {TF_STATIC} of the bag is left out",
-                    err=True,
-                )
-            else:
-                publisher = node.create_publisher(TFMessage, TF_STATIC, _LATCHED_QOS)
-                for data in transforms:
-                    publisher.publish(data)
+            publisher = node.create_publisher(TFMessage, TF_STATIC, _LATCHED_QOS)
+            for data in transforms:
+                publisher.publish(data)
 
     def wait_for_subscribers(self, seconds: float, spin: Callable[[float], object]) -> bool:
         """Wait until each topic has a subscriber and no new one comes; return False if that takes over `seconds`."""

@@ -38,6 +38,8 @@ VARIABLE_PREFIXES = (
     "body_weight",
 )
 """Beginnings of the names of the parameters that a study may vary; the others say how a bag is read or recorded"""
+INPUT_PARAMETERS = ("load.source", "load.rotation", "load.offset")
+"""Parameters with such names that say how a bag is read; an uncertain `axial_load` is an uncertain offset"""
 ANSWERS_AT_ONCE = 16_384
 """Number of answers that a thread holds at a time: about 4 MB, which fit into a processor's cache"""
 
@@ -148,9 +150,12 @@ def check_may_vary(names: Iterable[str]) -> None:
         UsageError: a study cannot vary one of them.
     """
     for name in names:
-        if name in known_parameters() and not name.startswith(VARIABLE_PREFIXES):
+        if name in known_parameters() and (
+            name in INPUT_PARAMETERS or not name.startswith(VARIABLE_PREFIXES)
+        ):
             raise UsageError(
-                f"{name} is not allowed; a parameter of {', '.join(VARIABLE_PREFIXES)}"
+                f"{name} is not allowed; a parameter of {', '.join(VARIABLE_PREFIXES)}, without "
+                f"{', '.join(INPUT_PARAMETERS)}"
             )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.lab.knees import Knees, compute
+from knee_contact_ros.lab.knees import INPUT_PARAMETERS, Knees, compute
 from knee_contact_ros.lab.recordings import Recording, read_recording
 from knee_contact_ros.model.types import Floats, Rows
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
@@ -117,7 +117,7 @@ def deviations_of(
     known = [
         name
         for name, value in values.items()
-        if name.startswith(prefixes) and isinstance(value, float)
+        if name.startswith(prefixes) and isinstance(value, float) and name not in INPUT_PARAMETERS
     ]
     found = []
     for name, size in dotted(given).items():

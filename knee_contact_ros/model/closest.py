@@ -257,8 +257,10 @@ def common_normal(
             place += step_place
             j = piece_at(tibia, j, place)
             steps += 1
+            # At an end of the femoral curve the distance need not have a minimum inside it.
             settled = abs(step) + abs(step_place) < last_step
             found = settled and least and (curved > 0.0 or beyond != 0.0)
+        # The deepest of all common normals is the contact: the others are saddles, or lie on other bumps.
         if depth > best:
             best = depth
             normal_x = -slope / norm

@@ -205,6 +205,7 @@ def distance_inside(mode: Mode, boundary: int, stage: Stage) -> float:
 def crossed(mode: Mode, stage: Stage, known: int) -> int:
     """Return the first boundary that a contact is beyond, except the `known` one; `NO_BOUNDARY` if it is inside."""
     knee, layer = mode.knee, mode.layer
+    # Before its beginning a layer's formula says nothing of the force, so this boundary comes first.
     if known != LAYER_BEGIN and stage.depth < knee.law[layer, BEGIN] - DEPTH_ROUNDING:
         return LAYER_BEGIN
     pull = -stage.force if mode.pressing else stage.force

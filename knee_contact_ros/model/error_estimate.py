@@ -134,6 +134,7 @@ def with_step_error(
 
     `deviation` is the standard deviation of their size over the estimate; `relaxation` [1/s] as in `height_bound`.
     """
+    # The method knows how large its error is, but poorly in which direction of height and velocity it lies.
     square = relaxation * relaxation * h * h + v * v
     spread = 0.5 * (relaxation * relaxation * max(error.hh, 0.0) + max(error.vv, 0.0))
     added = CROSS_ERROR * CROSS_ERROR * square + 2.0 * CROSS_CORRELATION * math.sqrt(
@@ -151,6 +152,7 @@ def with_step_error(
 @in_kernel
 def with_bound(error: Error, height: float, velocity: float) -> Error:
     """Return the error with bounds of further errors of height [m] and velocity [m/s], of the same sign each time."""
+    # Deviations add up, and not their squares: bounds of one kind may have the same sign in every step.
     h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD_FACTOR
     v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD_FACTOR
     return Error(error.height, error.velocity, h * h, error.hv, v * v)
@@ -182,6 +184,8 @@ def limited(error: Error) -> Error:
     v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
     if h <= LARGEST_ERROR and v <= LARGEST_ERROR:
         return error
+    # Comparisons with NaN are false, so that these lines turn it into the largest error. Nothing is expected of it any
+    # more: all of it is spread.
     h = h if h < LARGEST_ERROR else LARGEST_ERROR
     v = v if v < LARGEST_ERROR else LARGEST_ERROR
     return Error(0.0, 0.0, h * h, 0.0, v * v)
@@ -267,6 +271,7 @@ def eigenvalues(stiffness: float, damping: float, mass: float) -> tuple[float, f
     discriminant = half_rate * half_rate - stiffness / mass
     if discriminant <= 0.0:
         return half_rate, math.sqrt(stiffness / mass)
+    # The slower eigenvalue by the product of both, as their difference would cancel for a strong dashpot.
     radius = half_rate + math.sqrt(discriminant)
     return max(stiffness, 0.0) / mass / radius, radius
 
@@ -283,6 +288,7 @@ def saltation(
     """
     if jump == 0.0:
         return error
+    # A boundary that is only grazed could be met at any time: the delay is limited to the interval.
     slowest = max(abs(rate), (height_bound(error, math.inf) + abs(off)) / longest, TINY)
     late = math.copysign(jump / (mass * slowest), -jump * rate)
     return with_bound(mapped(error, 1.0, 0.0, late, 1.0), 0.0, abs(off * late))

@@ -228,8 +228,8 @@ class InputCheck:
 class AxisCheck:
     """Which axis of the joint reaction carries the load."""
 
-    frame: str = ""
-    """The parameter `frame.tibia`"""
+    turned_by: str = ""
+    """Name and value of the parameter by which forces are turned; empty: they are not"""
     forces: int = 0
     """Number of forces"""
     x: float = 0.0
@@ -264,10 +264,11 @@ class AxisCheck:
         if other <= _OTHER_AXIS_LOAD * self.forces or other <= CLEAR_RATIO * self.y:
             return ""
         carried = f"force.{name} carries {other / self.forces:.0f} N on average, and force.y {self.y / self.forces:.0f}"
-        if self.frame:
-            return f"{carried} N in joint_reaction_force: is {name} up? Is frame.tibia {self.frame!r} right?"
+        if self.turned_by:
+            return f"{carried} N in joint_reaction_force: is {name} up? Is {self.turned_by} right?"
         return (
-            f"{carried} N in joint_reaction_force: is {name} up? Set frame.tibia (for z up as in REP 103: the name of "
-            f"the forces' frame followed by _isb), name the axis in load.source (as -wrench.force.{name}), or send "
+            f"{carried} N in joint_reaction_force: is {name} up? Set load.rotation (for z up as in REP 103: -90 0 0 "
+            f"deg) or frame.tibia (for that: the name of the forces' frame followed by _isb), name the axis in "
+            f"load.source (as -wrench.force.{name}), or send "
             "force.y along the tibia, < 0 in compression"
         )

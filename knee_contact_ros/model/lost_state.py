@@ -67,6 +67,7 @@ def answer_while_lost(
         _, end_rate, cosine = touch(knee.surfaces, end_angle, tick.angle_rate, result.femur.height)
         velocity = end_rate / cosine
     if speed > 0.0:
+        # The speed is counted from the answer's own, which jumps between two ticks with the rate of the surface.
         speed += abs(start.velocity - state[AT_STATIC_VELOCITY])
     if not solved:
         if speed == 0.0:
@@ -76,14 +77,17 @@ def answer_while_lost(
             state[AT_LOST_DISTANCE] = abs(depth) + error_before
             speed = abs(rate / cosine - start.velocity) + velocity_bound(start.error)
             speed += LEAST_LOST_SPEED
+        # Force times depth is more than the spring has stored, for every law: its force grows with the depth.
         stored = deepest * abs(law_force(knee.law, deepest, 0.0, 0.0)[0])
         speed = math.sqrt(speed * speed + 2.0 * stored / mass)
     velocity_change = abs(velocity - start.velocity)
+    # Without a dashpot in one of its layers a contact swings for ever, and nothing of the lost solution decays.
     forgets = solved and not knee.remembers_impact
     for i in range(1, len(knee.law) - 1):
         forgets = forgets and knee.law[i, DAMPING] > 0.0
     if not forgets or least_load <= 0.0 or stage.depth <= 0.0:
         speed += largest_load * h / mass + velocity_change
+        # The femur may fly again from here on, so the count begins anew.
         state[AT_LOAD_IMPULSE] = 0.0
         state[AT_STRONGEST_LOAD] = 0.0
         state[AT_RELAXATION_TIMES] = 0.0
@@ -93,6 +97,7 @@ def answer_while_lost(
         state[AT_LOAD_IMPULSE] += least_load * h / mass
         state[AT_STRONGEST_LOAD] = max(state[AT_STRONGEST_LOAD], largest_load)
         fall = 2.0 * state[AT_STRONGEST_LOAD] / mass * state[AT_LOST_DISTANCE]
+        # A femur that starts at this distance and speed lands no faster, whatever the load did in between.
         landing = math.sqrt(speed * speed + fall)
         # Impulse of the load, over the mass [m/s], that ends all flights: a geometric series of landings
         flights = speed + landing * (1.0 + restitution) / (1.0 - restitution)

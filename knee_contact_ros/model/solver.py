@@ -126,6 +126,7 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
             mode, motion, touch = begin_stretch(mode, motion, error, touch)
             if mode.layer > APART:
                 used += 1
+        # A tick is given up between two steps: a step that is not finished has no state to answer with.
         if used + STEP_RESERVE >= most:
             break
         begin, factor = motion, 1.0
@@ -144,6 +145,7 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
         if h == stretch_end - begin.time:
             end = stretch_end  # exactly, whatever the rounding of the sum
         _, height, velocity, stage = begin
+        # A step of length 0 goes straight across its boundary, and leaves height, velocity and error as they are.
         if h > 0.0:
             height, velocity, stage = step.height, step.velocity, step.end
             if step.implicit:
@@ -153,6 +155,7 @@ def advance(knee: KneeConstants, tick: Interval, start: FemurState, most: int) -
             error = error_after_step(mode, begin, step, h, error, factor)
             if knee.remembers_impact and mode.pressing:
                 error, touch = with_impact_doubt(mode, begin, step, stage, h, error, touch)
+                # The doubt of the force takes two evaluations of the law at each end of the step.
                 if touch.error > 0.0:
                     used += 4
         motion = Motion(end, height, velocity, stage)
@@ -233,6 +236,7 @@ def pressed_step(
     h, used, boundary, factor = min(try_step, remaining), 0, NO_BOUNDARY, 1.0
     stiff = radius * h > MAX_EXPLICIT_STEP
     if stiff and radius * remaining <= MAX_EXPLICIT_STEPS * MAX_EXPLICIT_STEP:
+        # Equal steps, as a short last one would cost as much as the others.
         h = remaining / math.ceil(radius * remaining / MAX_EXPLICIT_STEP)
     while True:
         if radius * h <= MAX_EXPLICIT_STEP:
@@ -249,11 +253,14 @@ def pressed_step(
         has_knots = surfaces.non_convex > 0.0 or surfaces.knot_spacing < math.inf
         if has_knots and not step.implicit:
             factor = SINGULAR_ERROR_FACTOR
+        # Below the rounding of the time no shorter step can be better.
         if used + STEP_RESERVE >= room or not until + h > until:
             return step, h, NO_BOUNDARY, try_step, used, True, factor
+    # A step that only the end of the stretch has limited says nothing against longer ones.
     try_step = h * change if h < remaining else max(try_step, h * change)
     given_up = False
     # Ended on one boundary, a step may have crossed another before: a dashpot pulls before the surfaces part.
+    # Steps are shortened by the boundary after their error has been accepted: a shorter step is more accurate still.
     while NO_BOUNDARY < step.boundary != boundary and h > 0.0 and not given_up:
         given_up = used + STEP_RESERVE >= room
         if not given_up:
@@ -290,6 +297,7 @@ def error_after_step(
 ) -> Error:
     """Return the error after a step of `h` [s] to a contact: the propagated one and the step's own, times `factor`."""
     if not mode.pressing:
+        # No spring and no dashpot: the error of the velocity moves the height, and nothing decays.
         flown = mapped(error, 1.0, h, 0.0, 1.0)
         return with_independent_bound(flown, step.height_error, 0.0)
     mass, k, c = mode.knee.mass, step.stiffness, step.damping
@@ -367,6 +375,7 @@ def cross(
         mode, motion = entered(mode, motion)
     if layer == APART:
         touch = Touch(math.nan, touch.error, touch.latest, touch.landing_rate)
+    # What a femur that is late or early misses is the jump of the force, not the force (saltation).
     jump = (motion.stage.force if mode.pressing else 0.0) - exerted
     error = saltation(error, motion.stage.rate, jump, off, knee.mass, tick.duration)
     if layer == APART:

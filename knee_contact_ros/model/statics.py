@@ -62,6 +62,7 @@ def static_depth(
     begin = float(law[layer, BEGIN])
     low, high, depth = begin, MAX_SEARCH_DEPTH, near
     if not low < near < high:
+        # Without a guess the depth is enclosed in steps of a decade, as laws span many of them.
         depth = max(2.0 * low, 1e-9)
         evaluations += 1
         while depth < high and force_at(law, layer, depth, 0.0, 0.0)[0] < force:
@@ -81,6 +82,7 @@ def static_depth(
             # Far away the force is nearly a power of the depth in the layer, which this solves at once.
             exponent = in_layer / (slope * (depth - begin))
             newton = begin + (depth - begin) * (wanted / in_layer) ** exponent
+        # Halving keeps the method safe at the beginning of a layer, where the slope is 0.
         following = newton if low < newton < high else 0.5 * (low + high)
         correction = abs(following - depth)
         if newton == depth or not low < following < high or correction <= STATIC_ROUNDING * depth:

@@ -58,6 +58,7 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
     mass, k, c, load = knee.mass, step.stiffness, step.damping, load_at(mode.tick, begin.time)
     force, begin_force = step.end.force, begin.stage.force
     speed = abs(step.velocity) + h * abs(force) / mass
+    # Rounding does not become smaller with the step, so it must not count against it.
     height_error = max(abs(step.height_error) - STEP_ROUNDING * abs(step.height), 0.0)
     velocity_error = max(abs(step.velocity_error) - STEP_ROUNDING * speed, 0.0)
     (decay, _), relaxation = eigenvalues(k, c, mass), relaxation_rate(k, c, mass)
@@ -65,6 +66,7 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
     part_of_memory = min(1.0, h * max(decay, relaxation / MAX_MEMORY_PHASE, 1.0 / MAX_MEMORY))
     if step.leap > 0.0:
         part_of_memory = 1.0
+    # In the contact's energy norm, as height and velocity errors turn into each other.
     swing = velocity_error / relaxation
     whole = math.sqrt(height_error * height_error + swing * swing) / part_of_memory
     whole += h * step.leap
@@ -101,6 +103,7 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
         crept, swung = unresolved_motion(mode, begin, step, h)
         swung /= relaxation
         ratio += math.sqrt(crept * crept + swung * swung) / (LOCAL_ERROR_SHARE * wanted)
+    # NaN is not below infinity: a step that has left all numbers is repeated like one that is not solved.
     return ratio if ratio < math.inf else math.inf
 
 
@@ -116,6 +119,7 @@ def unresolved_motion(mode: Mode, begin: Motion, step: Step, h: float) -> tuple[
     one, end, mass, load_rate = begin.stage, step.end, mode.knee.mass, mode.tick.load_rate
     k, c, load = step.stiffness, step.damping, load_at(mode.tick, begin.time)
     crept, swung = 0.0, 0.0
+    # A creeping femur: the transient at the beginning decays within mass/damping, long before the first stage.
     if c * h >= DAMPED_PHASE * mass and c * c >= 4.0 * k * mass:
         push = abs(one.cosine * one.force - load)
         crept = TRANSIENT_ERROR_FRACTION * push * mass / (c * c)

@@ -91,6 +91,7 @@ def scan_stages(
     because the step is meant to end there. A gliding contact changes its rate by the radius of curvature times the
     turn, at most `MAX_GLIDE_RADIUS`.
     """
+    # The end of a step may be inside while a stage is beyond: a contact that lets go and begins again within the step.
     tick = mode.tick
     boundary, fraction, leap = NO_BOUNDARY, 1.0, 0.0
     rate_before, fraction_before = begin.surface_rate, 0.0
@@ -114,6 +115,8 @@ def explicit_step(mode: Mode, known: int, begin: Motion, h: float) -> Step:
 
     v1, v2, ... are the rates of the height at the stages, dv1, dv2, ... those of the velocity.
     """
+    # Numbers by name and no sums over arrays: plain Python computes faster with floats than with NumPy's scalars, and
+    # Numba folds the coefficients into the code.
     (a21,), (a31, a32), (a41, a42, a43), (a51, a52, a53, a54), row6 = FEHLBERG.stages
     a61, a62, a63, a64, a65 = row6
     c2, c3, c4, _, c6 = FEHLBERG.nodes
@@ -137,10 +140,12 @@ def explicit_step(mode: Mode, known: int, begin: Motion, h: float) -> Step:
     v6 = v1 + h * (a61 * dv1 + a62 * dv2 + a63 * dv3 + a64 * dv4 + a65 * dv5)
     height = y + h * (a61 * v1 + a62 * v2 + a63 * v3 + a64 * v4 + a65 * v5)
     six = stage_at(mode, s + c6 * h, height, v6)
+    # The solution of fourth order goes on, so that the estimate belongs to the very solution that is continued.
     height = y + h * (b1 * v1 + b3 * v3 + b4 * v4 + b5 * v5)
     velocity = v1 + h * (b1 * dv1 + b3 * dv3 + b4 * dv4 + b5 * dv5)
     end = stage_at(mode, s + h, height, velocity)
     layer_begin = float(knee.law[layer, BEGIN])
+    # Where the force or the curve is not smooth, both orders of the pair fail alike; see `SINGULAR_ERROR_FACTOR`.
     near_begin = abs(end.depth - one.depth) >= min(one.depth, end.depth) - layer_begin
     over_knots = abs(mode.tick.angle_rate) * h > KNOT_SPACING_SHARE * knee.surfaces.knot_spacing
     scale = h * SINGULAR_ERROR_FACTOR if near_begin or over_knots else h
@@ -151,6 +156,7 @@ def explicit_step(mode: Mode, known: int, begin: Motion, h: float) -> Step:
     room = min(least - layer_begin, weakest, float(knee.law[layer + 1, BEGIN]) - most)
     # Most steps cross nothing, and three comparisons show it. `non_convex` is 1 where contacts may leap, else 0.
     if room < knee.surfaces.non_convex:
+        # In the order of time. The end of the step takes the place of the fifth stage, which lies there too.
         boundary, fraction, leap = scan_stages(
             mode, known, h, one, (c2, c3, c6, c4, 1.0), (two, three, six, four, end)
         )
@@ -238,6 +244,7 @@ def implicit_step(mode: Mode, known: int, begin: Motion, h: float, room: int) ->
     a61, _, a63, a64, a65 = row6
     c2, c3, c4, c5, _ = ESDIRK.nodes
     s, y, v1, one = begin
+    # Each stage starts Newton's method from the acceleration of the stage before it. All have the same `diagonal`.
     d, dv1 = h * ESDIRK.diagonal, one.acceleration
     height, velocity = y + h * (a21 * v1), v1 + h * (a21 * dv1)
     v2, two, n2, ok2, left2 = solve_stage(mode, s + c2 * h, height, velocity, d, dv1, room)
@@ -258,6 +265,7 @@ def implicit_step(mode: Mode, known: int, begin: Motion, h: float, room: int) ->
     height = y + h * (a61 * v1 + a63 * v3 + a64 * v4 + a65 * v5)
     velocity = v1 + h * (a61 * dv1 + a63 * dv3 + a64 * dv4 + a65 * dv5)
     v6, end, n6, ok6, left6 = solve_stage(mode, s + h, height, velocity, d, dv5, room - used)
+    # In the order of time: the third stage lies before the second.
     boundary, fraction, leap = scan_stages(
         mode, known, h, one, (c3, c2, c4, c5, 1.0), (three, two, four, five, end)
     )
@@ -290,6 +298,7 @@ def doubled_step(mode: Mode, known: int, begin: Motion, h: float, room: int) -> 
     knee, half = mode.knee, 0.5 * h
     whole = implicit_step(mode, known, begin, h, room)
     used = whole.evaluations
+    # Only the end of the second half may lie on the known boundary; in the first half it counts as crossed.
     first = implicit_step(mode, NO_BOUNDARY, begin, half, room - used)
     middle = begin.time + half
     halfway = Motion(
@@ -308,6 +317,7 @@ def doubled_step(mode: Mode, known: int, begin: Motion, h: float, room: int) -> 
     if first.boundary != NO_BOUNDARY:
         boundary, fraction = first.boundary, 0.5 * first.fraction
     difference = (second.height - whole.height) / ratio
+    # What Newton's method has left gets the sign of the difference, so that the two cannot cancel.
     left = math.copysign(first.height_error + second.height_error, difference)
     return Step(
         height=second.height,
@@ -335,6 +345,7 @@ def flight_step(mode: Mode, begin: Motion, h: float) -> Step:
     height = begin.height + h * (begin.velocity - fall)
     velocity = begin.velocity - h * (load + 0.5 * tick.load_rate * h) / mass
     end = stage_at(mode, begin.time + h, height, velocity)
+    # The flight itself is exact, but the time of the event that began it is known to rounding only.
     rounding = FLIGHT_ROUNDING * abs(height - begin.height)
     return Step(
         height, velocity, rounding, 0.0, end, 0.0, 0.0, 0.0, NO_BOUNDARY, 1.0, 1, True, False

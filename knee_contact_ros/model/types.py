@@ -117,6 +117,8 @@ class Status(IntFlag):
     DOUBTFUL_LOAD = 64
     """Of a contact: the frontal moment cannot be split between the compartments, or the load node doubts its estimate.
     Of an estimated load: a movement for which no constants were measured."""
+    SEVERAL_PUBLISHERS = 128
+    """Another publisher sends on a topic of the answers, so that subscribers get both mixed."""
 
 
 NANOSECOND = 1e-9
@@ -127,6 +129,7 @@ UNUSABLE = (
     | Status.INPUT_HELD
     | Status.NOT_CONVERGED
     | Status.IMPLAUSIBLE
+    | Status.SEVERAL_PUBLISHERS
 )
 """An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used;
 whether a doubtful load is good enough is for the user to say."""

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -55,6 +56,7 @@ from knee_contact_ros.streams.topics import (
     knee_name,
     recorded_topics,
 )
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import OWN_PROCESS_GROUP, python_module, start_process
 from knee_contact_ros.view.anatomy import compartments_of, outlines_of_compartments
 from knee_contact_ros.view.output import server_address
@@ -66,6 +68,7 @@ ANSWER_CHECK_PERIOD = 0.97
 _CHANGEABLE = frozenset(
     {
         "knee.flexion_offset",
+        "load.offset",
         "load.share",
         "load.compartment_spacing",
         "femur.mass",
@@ -101,7 +104,19 @@ class ContactHealth(Health):
         super().__init__(node, parameters, pipeline)
         self.rows: list[bytes] = []
         """Rows of the answers that are not checked yet, those of one answer behind each other"""
+        self.newest = np.zeros(0, ROW).view(FLAT)
+        """Answers of the compartments at the last checked tick"""
         self._contacts = pipeline
+
+    def newest_words(self) -> list[str]:
+        """Words about the contact force of each compartment at the newest tick."""
+        self.check_answers()
+        return [
+            f"{compartment.topic}: {force:.0f} N"
+            for compartment, force in zip(
+                self._contacts.compartments, self.newest["contact_force"].tolist(), strict=False
+            )
+        ]
 
     def check_answers(self) -> None:
         """Look for implausible answers among those since the last call."""
@@ -110,6 +125,7 @@ class ContactHealth(Health):
         if not len(rows):
             return
         compartments = self._contacts.compartments
+        self.newest = rows[-len(compartments) :]
         for number, compartment in enumerate(compartments):
             compartment.doubts.add_answers(rows[number :: len(compartments)])
 
@@ -261,6 +277,22 @@ class ContactSession(Session):
         for doubt in self.pipeline.doubts_about_parameters:
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
+
+    def _services_by_name(self) -> dict[str, Callable[[], str]]:
+        return {**super()._services_by_name(), "tare": self._tare}
+
+    def _tare(self) -> str:
+        """Set the parameter load.offset so that the last second's mean load is 0."""
+        forces = self.inputs[1].meter
+        if time.monotonic() - forces.last > self.parameters.diagnostics.timeout:
+            raise UsageError("no force comes")
+        offset = self.pipeline.measured_offset()
+        (result,) = self.node.set_parameters([Parameter("load.offset", value=offset)])
+        if not result.successful:
+            raise UsageError(result.reason)
+        text = f"load.offset is {offset:.3f} N now"
+        self.node.get_logger().info(text)
+        return text
 
     def _recorded_knee(self, parameters: Parameters) -> RecordedKnee:
         ticks = self.pipeline.ticks

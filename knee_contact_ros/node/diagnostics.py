@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections import Counter
 from enum import IntEnum
@@ -116,6 +117,10 @@ class Health:
         self.parameters = parameters
         """Parameters of the node, which may change"""
         self.counts = AnswerCounts()
+        self.mixed = ""
+        """Sentence about other publishers of the answers; empty without one"""
+        self.namesake = ""
+        """Sentence about another node of the same name; empty without one"""
         self._node = node
         self._pipeline = pipeline
         self._levels = levels
@@ -124,6 +129,8 @@ class Health:
         self._name = node.get_fully_qualified_name().removeprefix("/")
         self._reported: dict[str, int] = {}  # totals at the last report
         self._warned: dict[str, float] = {}  # monotonic times [s] of the last warnings
+        self._begun: tuple[float, int, list[int]] | None = None  # time [s] and counts at first
+        self._is_told = False  # what the first second was like
 
     def report_diagnostics(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
         """Report what has happened since the last report, inputs first; silent inputs are logged."""
@@ -143,10 +150,12 @@ class Health:
         for name, sink in outputs.sinks.items():
             values, text, lost = sink.report_state()
             entries.append((name, values, (ERROR, text) if lost else warning_of(text)))
+        owner = f"{self._node.get_fully_qualified_name()}, process {os.getpid()}"
         status = [
             DiagnosticStatus(
                 level=level,
                 name=f"{self._name}: {name}",
+                hardware_id=owner,
                 message=text or "ok",
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
@@ -154,6 +163,37 @@ class Health:
         ]
         header = Header(stamp=self._node.get_clock().now().to_msg())
         return DiagnosticArray(header=header, status=status)
+
+    def tell_first_second(self, inputs: Inputs) -> None:
+        """Log rates, force and usability once, a second after the first answer; to be called by a timer."""
+        if self._is_told or not self.counts.by_status:
+            return
+        now, answers = time.monotonic(), self.counts.by_status.total()
+        received = [stream.meter.received for stream in inputs]
+        if self._begun is None:
+            self._begun = now, answers, received
+            return
+        begin, answers_before, received_before = self._begun
+        span = now - begin
+        if span < 1.0:
+            return
+        self._is_told = True
+        words = [
+            f"{(number - before) / span:.0f} Hz on {resolve_topic(self._node, stream.topic)}"
+            for stream, number, before in zip(inputs, received, received_before, strict=True)
+        ]
+        words += [
+            f"{(answers - answers_before) / span:.0f} answers a second",
+            *self.newest_words(),
+        ]
+        by_status = self.counts.by_status.items()
+        unusable = sum(number for (_, status), number in by_status if status & UNUSABLE)
+        words.append(f"{unusable} of {answers} not usable" if unusable else "all usable")
+        self._node.get_logger().info(", ".join(words))
+
+    def newest_words(self) -> list[str]:
+        """Words about the newest answer, which only a contact node has."""
+        return []
 
     def load_entries(self) -> list[Entry]:
         """Entries for the load, which only a contact node has."""
@@ -173,12 +213,14 @@ class Health:
         new = self.increase("unusable", unusable)
         is_old = age > self.parameters.diagnostics.timeout
         problem = first_problem(
+            (self.mixed, ERROR, self.mixed),
             (math.isinf(age), STALE, "no answer yet"),
             (is_old, STALE, f"no answer for {age:.1f} s"),
             (new, WARN, f"not usable answers: {new}"),
+            (self.namesake, WARN, self.namesake),
         )
         bits = [bit.name or "" for bit in Status if counts.status & bit & UNUSABLE]
-        why = problem[1] if problem[0] == STALE else ", ".join(bits)
+        why = problem[1] if problem[0] in (STALE, ERROR) else ", ".join(bits)
         values = {
             "usable": "false" if why else "true",
             "because": why,

@@ -17,6 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+from tf2_msgs.msg import TFMessage
 
 from knee_contact_ros.node.problems import (
     ERROR,
@@ -365,7 +366,7 @@ LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class StaticTransformTopic:
-    """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame and tf2_msgs is installed."""
+    """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame."""
 
     def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
         """Publish the pose of the tibia frame if its name implies it, and hand the transforms of others to `frame`."""
@@ -373,14 +374,6 @@ class StaticTransformTopic:
         self._publisher: Any = None
         self._subscription: Any = None
         if not frame.wanted:
-            return
-        try:
-            from tf2_msgs.msg import TFMessage
-        except ImportError:
-            node.get_logger().warning(
-                f"the ROS 2 package tf2_msgs is not installed: forces in other frames than {frame.wanted} are "
-                "refused, and the place of this frame is not published"
-            )
             return
         own = isb_transform(frame.wanted)
         if own:

@@ -21,14 +21,16 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.recorder import MB, check_recordable
 from knee_contact_ros.streams.output import (
+    ANSWERS_FLAGGED,
     ENDED,
     FAILED,
     OPEN,
     REFUSED,
     STARTING,
+    TICK,
     Note,
     RecordedKnee,
     Report,
@@ -289,6 +291,8 @@ class Ring:
         """
         self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
         self._items: deque[tuple[int, TickOutput | Note]] = deque()
+        self._flags: list[Note] = []
+        """Note of the bits that the kept answers have from the first one on, if any"""
         self._now = self._last = self._size = 0
 
     def put_item(self, item: TickOutput | Note) -> None:
@@ -303,6 +307,10 @@ class Ring:
         elif item.name == PARAMETERS_CHANGED and any(
             not name.startswith(("record.", TICK)) for name in item.values
         ):
+            notes = [one for _, one in items if isinstance(one, Note)]
+            self._flags = [one for one in (*self._flags, *notes) if one.name == ANSWERS_FLAGGED][
+                -1:
+            ]
             items.clear()
             self._size = 0
         items.append((self._now, item))
@@ -314,12 +322,15 @@ class Ring:
             or isinstance(items[0][1], Note)
             or items[0][0] <= oldest
         ):
-            self._size -= size_of(items.popleft()[1])
+            forgotten = items.popleft()[1]
+            self._size -= size_of(forgotten)
+            if isinstance(forgotten, Note) and forgotten.name == ANSWERS_FLAGGED:
+                self._flags = [forgotten]
 
     def kept_items(self) -> tuple[list[TickOutput | Note], float]:
         """The kept items, oldest first, and the time [s] from the first answer to the last."""
         times = [at for at, item in self._items if isinstance(item, TickOutput)]
-        return [item for _, item in self._items], (
+        return [*self._flags, *(item for _, item in self._items)], (
             times[-1] - times[0]
         ) / NANOSECONDS if times else 0.0
 

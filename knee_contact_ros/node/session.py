@@ -19,10 +19,10 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
-    TICK,
     TICKS_BEFORE,
     change_record,
 )
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.diagnostics import Health
 from knee_contact_ros.node.inputs import (
     HandedInputs,
@@ -33,12 +33,13 @@ from knee_contact_ros.node.inputs import (
     installed_types,
     message_class,
 )
+from knee_contact_ros.node.other_publishers import OtherPublishers
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.problems import LOG_PERIOD, STEADY, at_most_every
 from knee_contact_ros.parameters.sources import WRENCH_STAMPED_TYPE, source_of
 from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.output import Note, RecordedKnee
+from knee_contact_ros.streams.output import TICK, Note, RecordedKnee
 from knee_contact_ros.streams.pipeline import Pipeline
 from knee_contact_ros.streams.topics import JOINT_STATES, Ending, TickOutput
 from knee_contact_ros.system.errors import UsageError
@@ -80,6 +81,7 @@ class Session(ABC):
         self.inputs: Inputs
         self.outputs: Outputs
         self._transforms: StaticTransformTopic
+        self._others: OtherPublishers
         self._publishers: dict[str, Any] = {}
         """Publishers by their topics"""
         self._services: list[Any] = []
@@ -147,6 +149,7 @@ class Session(ABC):
         Raises:
             UsageError: a topic cannot be advertised, as the middleware does not know one of the QoS overrides.
         """
+        self._others = OtherPublishers(self.node, list(topics))
         by_user = QoSOverridingOptions.with_default_policies()
         try:
             for topic, (kind, depth) in {
@@ -164,19 +167,22 @@ class Session(ABC):
     def _open_outputs(self) -> None:
         """Open the transforms, the services and the outputs; files come last, when everything else works."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
-        services = {
-            "reset": self._reset,
-            "start_recording": self._start_recording,
-            "stop_recording": self._stop_recording,
-            "save_snapshot": self._save_snapshot,
-        }
         try:
-            for name, act in services.items():
+            for name, act in self._services_by_name().items():
                 self._services.append(self._service(name, act))
             self.outputs = Outputs(self._knee(), self.node.get_logger())
         except BaseException:
             self.destroy_endpoints()
             raise
+
+    def _services_by_name(self) -> dict[str, Callable[[], str]]:
+        """Functions of the services `~/NAME`, which return what they have done."""
+        return {
+            "reset": self._reset,
+            "start_recording": self._start_recording,
+            "stop_recording": self._stop_recording,
+            "save_snapshot": self._save_snapshot,
+        }
 
     def start_listening(self) -> None:
         """Open the inputs and the timers."""
@@ -191,6 +197,7 @@ class Session(ABC):
         for stream in self.inputs:
             stream.meter.restart()
             stream.start_listening()
+        self._watch_publishers()
         self.health.counts.start_timer()
         for period, act in self._timed_calls:
             self._timers.append(self.node.create_timer(period, act, clock=STEADY))
@@ -282,11 +289,15 @@ class Session(ABC):
     def _reset(self) -> str:
         self._answer_all()
         self.pipeline.reset()
+        self._hand_over_notes()
         self.outputs.put_item(Note(RESET, {TICK: str(self.pipeline.ticks)}))
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:
-        return f"recording to {self.outputs.start_recording(self._knee())}"
+        path = self.outputs.start_recording(self._knee())
+        if self.pipeline.synchroniser.lasting:
+            self.outputs.put_item(self.pipeline.flags_note)
+        return f"recording to {path}"
 
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
@@ -323,6 +334,7 @@ class Session(ABC):
         self.health.counts.note_timer(self._wait_period)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
+        self.health.tell_first_second(self.inputs)
         for stream in self.inputs:
             stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through
@@ -330,6 +342,8 @@ class Session(ABC):
     def _publish_all(self, answers: Iterator[Any]) -> None:
         """Publish answers one after another, each as soon as it is computed."""
         begin = time.perf_counter()
+        if self.pipeline.notes:
+            self._hand_over_notes()
         for answer in answers:
             self._publish(answer, begin)
             begin = time.perf_counter()
@@ -338,6 +352,26 @@ class Session(ABC):
             self.node.get_logger().warning(text, **at_most_every(LOG_PERIOD))
             self.pipeline.last_refusal = ""
 
+    def _hand_over_notes(self) -> None:
+        """Hand the notes of the pipeline to the outputs."""
+        while self.pipeline.notes:
+            self.outputs.put_item(self.pipeline.notes.pop(0))
+
+    def _watch_publishers(self) -> None:
+        """Flag the answers while others publish on their topics, and say so."""
+        before = self.health.mixed, self.health.namesake
+        self.health.mixed, self.health.namesake = found = (
+            self._others.mixed_sentence(),
+            self._others.name_sentence(),
+        )
+        bits = Status.SEVERAL_PUBLISHERS if found[0] else Status.OK
+        self.pipeline.synchroniser.flag_from_now("several publishers", int(bits))
+        for text in set(found) - {*before, ""}:
+            self.node.get_logger().error(text)
+        if before[0] and not found[0]:
+            self.node.get_logger().info("the answers have no other publisher any more")
+
     def _publish_diagnostics(self) -> None:
+        self._watch_publishers()
         report = self.health.report_diagnostics(self.inputs, self.outputs)
         self._publishers[DIAGNOSTICS].publish(report)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.bag import ORIGIN, Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
-from knee_contact_ros.bags.provenance import stored_load
+from knee_contact_ros.bags.provenance import recorded_flags, stored_load
 from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import Status
@@ -162,9 +162,18 @@ def _answers(
     inputs: BagInputs, pipeline: LoadPipeline, advance: OnProgress
 ) -> Iterator[LoadAnswer]:
     """Yield the answers to all messages of a bag, one by one; `advance` is called after each block."""
+    flags = deque(recorded_flags(inputs.bag, LOAD_PROVENANCE))
+
+    def repeat_flags() -> None:
+        while flags and pipeline.ticks >= flags[0].tick:
+            pipeline.synchroniser.flag_from_now("recorded", flags.popleft().status)
+
     done = 0
+    repeat_flags()
     for block in inputs.batches_of(MESSAGES_PER_ADVANCE):
-        yield from pipeline.push_messages(block)
+        for answer in pipeline.push_messages(block):
+            yield answer
+            repeat_flags()
         done += len(block)
         advance(done, inputs.message_count)
     yield from pipeline.finish_streams()

@@ -34,6 +34,11 @@ class BagOutput:
         if self.writer:
             self.writer.write_note(name, values)
 
+    def write_notes(self, pipeline: Pipeline[Any]) -> None:
+        """Write the notes of a pipeline that are not written yet."""
+        while pipeline.notes:
+            self.write_note(*pipeline.notes.pop(0))
+
     def record_answers(
         self,
         pipeline: Pipeline[AnswerT],
@@ -42,6 +47,7 @@ class BagOutput:
     ) -> Iterator[AnswerT]:
         """Record answers as they come, and a note when forces are turned; yield the answers."""
         for answer in answers:
+            self.write_notes(pipeline)
             if self.writer:
                 if pipeline.frame.turn_note:
                     self.write_note(FORCE_TURNED, pipeline.frame.take_turn_note())
@@ -51,6 +57,7 @@ class BagOutput:
     def write_ending(self, pipeline: Pipeline[Any], bag: Bag, damage: Sequence[str]) -> None:
         """Write the remaining inputs, the refused samples, and the damage of the bag that was computed."""
         if self.writer:
+            self.write_notes(pipeline)
             self.writer.write_ending(pipeline.ending())
             if damage:
                 faults = {"source": bag.path.name, "faults": "\n".join(damage)}

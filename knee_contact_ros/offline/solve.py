@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from operator import attrgetter
 from pathlib import Path
 
 from knee_contact_ros.bags.bag import Bag
@@ -15,10 +16,11 @@ from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
-    TICK,
     Change,
+    Flags,
     Provenance,
     change_record,
+    recorded_flags,
 )
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
@@ -28,6 +30,7 @@ from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
+from knee_contact_ros.streams.output import TICK
 from knee_contact_ros.streams.topics import recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError
@@ -91,7 +94,11 @@ def solve(
         takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
         if keep:
             takers.append(keep)
-        run = SolveRun(pipeline, recorder, takers, thread, recording.changes if recording else ())
+        changes: list[Change | Flags] = [
+            *recorded_flags(bag),
+            *(recording.changes if recording else ()),
+        ]
+        run = SolveRun(pipeline, recorder, takers, thread, changes)
         done = 0
         for batch in inputs.batches_of(BATCH_SIZE):
             run.solve_batch(batch)
@@ -146,7 +153,7 @@ class SolveRun:
         recorder: BagOutput,
         takers: list[Callable[[AnswerBlock], object]],
         thread: ThreadPoolExecutor,
-        changes: tuple[Change, ...],
+        changes: Sequence[Change | Flags],
     ) -> None:
         """Begin with the first message.
 
@@ -155,13 +162,13 @@ class SolveRun:
             recorder: The recording.
             takers: Functions that are called with blocks of answers.
             thread: Thread that writes blocks; when `take_answers` returns, everything is written.
-            changes: Resets and changed parameters of the node that made a recording, to repeat at the same ticks.
+            changes: Resets, changed parameters and flags of a recording's node, to repeat at the same ticks.
         """
         self.pipeline = pipeline
         self._recorder = recorder
         self._takers = takers
         self._thread = thread
-        self._changes = deque(changes)
+        self._changes = deque(sorted(changes, key=attrgetter("tick")))
         self._leg = DrawnLeg()
         self._writing: Future[None] | None = None
 
@@ -214,7 +221,11 @@ class SolveRun:
             UsageError: this version of the package does not allow the changed parameters.
         """
         while self._changes and self.pipeline.ticks >= self._changes[0].tick:
-            tick, values = self._changes.popleft()
+            change = self._changes.popleft()
+            if isinstance(change, Flags):
+                self.pipeline.synchroniser.flag_from_now("recorded", change.status)
+                continue
+            tick, values = change
             if values is None:
                 self.pipeline.reset()
                 self._recorder.write_note(RESET, {TICK: str(tick)})

@@ -64,7 +64,7 @@ class AnswerBlock(NamedTuple):
         compartments = len(answers[0].messages)
         return cls(
             tuple(rows[first::compartments] for first in range(compartments)),
-            np.array([answer.pair.load.axial for answer in answers]),
+            np.array([answer.axial for answer in answers]),
             np.array([answer.pair.load.moment for answer in answers]),
             np.array([answer.angle for answer in answers]),
         )
@@ -275,11 +275,12 @@ def _samples(
         return None
     angles = knee.flexion_sign * position
     axial = -wrenches.numbers["force"][:, 1]
+    load = axial - pipeline.bias
     moment, about_y, about_z = wrenches.numbers["torque"].T
     limited = [
         (angles + knee.flexion_offset, LARGEST_ANGLE),
         (position, np.inf),
-        (axial, LARGEST_LOAD),
+        (load, LARGEST_LOAD),
     ]
     heights = None
     if pipeline.model.height_prescribed:
@@ -288,9 +289,9 @@ def _samples(
             return None
         limited.append((heights, LARGEST_HEIGHT))
     if pipeline.by_moment:
-        medial = pipeline.by_moment(axial, moment, 0.0)
+        medial = pipeline.by_moment(load, moment, 0.0)
         with np.errstate(invalid="ignore"):  # infinite forces are refused below
-            limited += [(medial, LARGEST_LOAD), (axial - medial, LARGEST_LOAD)]
+            limited += [(medial, LARGEST_LOAD), (load - medial, LARGEST_LOAD)]
     for column, limit in limited:
         if not (np.isfinite(column) & (np.abs(column) <= limit)).all():
             return None
@@ -363,7 +364,7 @@ def _pairs(samples: _Samples, last: int | None, max_gap: int) -> _Pairs | None:
 def _compute(pipeline: ContactPipeline, samples: _Samples, pairs: _Pairs) -> AnswerBlock:
     """Compute the contact of the loads that are paired with angles, as `ContactPipeline.answer_pair` does."""
     number = len(pairs.angle)
-    axial = samples.axial[:number]
+    axial = samples.axial[:number] - pipeline.bias
     moment = samples.moment[:number]
     angle = pairs.angle + pipeline.parameters.knee.flexion_offset
     medial = pipeline.rule(axial, moment, angle)

@@ -29,6 +29,7 @@ from knee_contact_ros.parameters.sections import (
     NodeSection,
     PairingSection,
     RecordSection,
+    Rotation,
     Section,
     off_or_at_least,
     one_of,
@@ -92,6 +93,11 @@ class LoadSection(Section):
     """rule for the load of the compartment; both: model the medial and the lateral one"""
     split: Annotated[str, one_of(*SPLITS)] = "fixed_share"
     """rule for the medial load if load.compartment is both"""
+    rotation: Rotation = ""
+    """turn forces from the sensor's axes to the tibia's, as tf2 and URDF turn a child frame to its parent; empty: do
+    not turn them"""
+    offset: float = Field(0.0, ge=-1e4, le=1e4)
+    """[N] added to the axial compression: minus what the sensor shows while the leg hangs free; ~/tare sets it"""
     share: float = Field(0.5, gt=0.0, le=1.0)
     """medial share of the axial joint reaction, for fixed_share"""
     share_file: str = "share_medial.csv"
@@ -328,7 +334,8 @@ class Parameters(NodeSection):
 
     def problem(self) -> str:
         """First combination of values that is not allowed, in either compartment; see `NodeSection`."""
-        needed, why = (3 if self.frame.tibia else 1), "frame.tibia"
+        why = "load.rotation" if self.load.rotation else "frame.tibia"
+        needed = 3 if self.load.rotation or self.frame.tibia else 1
         if self.load.rule == "moment_balance":
             needed, why = 6, "moment_balance"
         first = self.problem_of_sources(needed, why) or self._problem_of_knee()

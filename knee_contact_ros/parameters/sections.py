@@ -6,11 +6,11 @@ A parameter is an attribute of a section: its type, default and limits, and belo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from knee_contact_ros.parameters.sources import (
@@ -163,6 +163,48 @@ ANGLE_SOURCE_MEANING = (
     "topic of the angles, of type JointState or dynamic_joint_states; "
     "for another type, one field for each joint"
 )
+
+
+def rotation_numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a rotation: roll, pitch and yaw [rad], or a quaternion x, y, z, w; none if it is empty.
+
+    Raises:
+        ValueError: the text is none of them, or the quaternion is not of unit length.
+    """
+    words = text.replace(",", " ").split()
+    in_degrees = words[-1:] == ["deg"]
+    try:
+        numbers = [float(word) for word in words[: len(words) - in_degrees]]
+    except ValueError:
+        numbers = [math.nan]
+    is_angles = len(numbers) == 3 and all(abs(number) <= MAX_TURN for number in numbers)
+    is_quaternion = len(numbers) == 4 and not in_degrees
+    if is_quaternion:
+        is_quaternion = abs(math.hypot(*numbers) - 1.0) < MAX_LENGTH_ERROR
+    if words and not is_angles and not is_quaternion:
+        raise ValueError(f"allowed: {ROTATION_FORM}")
+    return tuple(map(math.radians, numbers) if in_degrees else numbers)
+
+
+def _rotation_text(value: object) -> object:
+    """Return the text of a rotation that a parameter file gives as a list of numbers."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+        return value
+    return " ".join(str(number) for number in value)
+
+
+MAX_TURN = 360.0
+"""Largest angle of a rotation [rad] or [deg], as a plain limit against wrong numbers"""
+MAX_LENGTH_ERROR = 0.005
+"""Largest difference of a quaternion's length from 1, as in tf2"""
+ROTATION_FORM = "ROLL PITCH YAW in rad, or with deg behind, or a quaternion X Y Z W of unit length; such as -90 0 0 deg"
+"""Form of the text of a rotation"""
+Rotation = Annotated[
+    str,
+    BeforeValidator(_rotation_text),
+    AllowedValues(lambda text: (rotation_numbers(text), text)[1], ROTATION_FORM),
+]
+"""Rotation from the axes of a sensor to those of the tibia, as a text; empty for none"""
 
 
 class PairingSection(Section):

@@ -64,14 +64,14 @@ class Compartment:
 
     def retune(self, parameters: Parameters, z: float) -> None:
         """Continue with changed numbers among the parameters and another place [m], between two ticks."""
-        is_turned = parameters.knee.flexion_offset != self.parameters.knee.flexion_offset
+        is_shifted = _offsets(parameters) != _offsets(self.parameters)
         self.parameters = parameters
         self._z = z
         self.model = retuned(self.model, parameters)
         self.stream.continue_with(self.model)
         doubts = doubts_about(parameters, self.model)
         self.doubts.continue_with(doubts)
-        if is_turned:  # the angles before say nothing of those that come
+        if is_shifted:  # the inputs before say nothing of those that come
             self.doubts.inputs = doubts.inputs
 
     @property
@@ -116,6 +116,11 @@ class Compartment:
         rows["status"] |= status.astype(np.uint8)
         move_along_z(rows, self._z)
         return rows
+
+
+def _offsets(parameters: Parameters) -> tuple[float, float]:
+    """Offsets of the angles [rad] and of the forces [N]."""
+    return parameters.knee.flexion_offset, parameters.load.offset
 
 
 def move_along_z(rows: Rows, z: float) -> None:

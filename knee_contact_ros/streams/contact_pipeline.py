@@ -7,6 +7,8 @@ import struct
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.knee import (
     LARGEST_ANGLE,
@@ -15,10 +17,11 @@ from knee_contact_ros.model.knee import (
     KneeModel,
     degrees_hint,
 )
-from knee_contact_ros.model.types import MESSAGE_BYTES, ROW, Status
+from knee_contact_ros.model.types import MESSAGE_BYTES, NANOSECOND, ROW, Status
 from knee_contact_ros.parameters.build import load_rule, retuned
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.schema import KneeSection, Parameters, lateral_knee
+from knee_contact_ros.parameters.sections import rotation_numbers
 from knee_contact_ros.streams.compartments import compartments_of, half_spacing, summed_wrench
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import (
@@ -47,6 +50,14 @@ DOUBTFUL_LOAD = int(Status.DOUBTFUL_LOAD)
 """A plain number: combining flags of an enumeration takes long"""
 CONTACT_TOPICS = (KNEE_CONTACT, KNEE_CONTACT_LATERAL)
 """Topics of the answers of the only or medial, and of the lateral compartment"""
+TARE_TIME = 1.0
+"""Time [s] over which the sensor's bias is measured"""
+TARE_SAMPLES = 10
+"""Smallest number of forces in that time"""
+TARE_DEVIATION = 0.03
+"""Largest standard deviation of these forces, as a fraction of body weight: noise, while a walking leg has 0.5"""
+TARE_BIAS = 0.25
+"""Largest bias that is measured, as a fraction of body weight: a leg that stands bears more"""
 LATENCY = struct.Struct("<d")
 """The latency [s], with which the bytes of a row end"""
 LATENCY_BEGIN = ROW.itemsize - LATENCY.size
@@ -95,6 +106,7 @@ def load_sample(
     by_moment: LoadRule | None = None,
     arrived: float = 0.0,
     data: bytes = b"",
+    bias: float = 0.0,
 ) -> LoadSample:
     """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
@@ -107,6 +119,7 @@ def load_sample(
             evaluates it again, since parameters may change while the sample waits for its angle.
         arrived: Time of arrival by the caller's clock [s].
         data: Bytes in which the message is recorded.
+        bias: Load [N] that the sensor shows while nothing presses; the sample keeps it, since it may change too.
 
     Raises:
         RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is too large;
@@ -118,13 +131,14 @@ def load_sample(
         raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {force_y}")
     if by_moment and not math.isfinite(moment):
         raise RefusedSampleError("not_finite", f"joint_reaction_force: torque.x is {moment}")
-    if abs(force_y) > LARGEST_LOAD:
+    axial = -force_y
+    load = axial - bias
+    if abs(load) > LARGEST_LOAD:
         text = f"joint_reaction_force: force.y is {force_y:g} N, beyond {LARGEST_LOAD:g}"
         raise RefusedSampleError("out_of_range", text)
-    axial = -force_y
     if by_moment:
-        medial = by_moment(axial, moment, 0.0)
-        if max(abs(medial), abs(axial - medial)) > LARGEST_LOAD:
+        medial = by_moment(load, moment, 0.0)
+        if max(abs(medial), abs(load - medial)) > LARGEST_LOAD:
             finding = f"torque.x of {moment:g} N m makes a load of {medial:g} N"
             raise RefusedSampleError("out_of_range", f"joint_reaction_force: {finding}")
     stamp = checked_stamp(message.stamp, "joint_reaction_force")
@@ -136,9 +150,11 @@ class ContactAnswer(NamedTuple):
     """Contact at one tick, and the inputs that led to it."""
 
     pair: PairedSample
-    """Load and angle; `pair.load` has the axial force and the moment that the rule divided between the compartments"""
+    """Load and angle, without their offsets"""
     angle: float
     """Flexion angle [rad] with `knee.flexion_offset`, as the rule saw it"""
+    axial: float
+    """Axial load [N] with `load.offset`, which the rule divided"""
     rows: tuple[bytes, ...]
     """Bytes of the `ROW` of each compartment, the medial one first"""
     messages: tuple[bytes, ...]
@@ -175,7 +191,8 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         curves: Mapping[str, str] | None = None,
     ) -> None:
         """Build the model; see `build_model` for `curves`."""
-        frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
+        rotation = rotation_numbers(parameters.load.rotation)
+        frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE, rotation)
         super().__init__(JOINT_REACTION_FORCE, parameters, frame)
         self.parameters = parameters
         self._texts = curve_texts(parameters, {}) if curves is None else curves
@@ -219,7 +236,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
 
     def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
         """Sample with the axial load; see the function `load_sample`."""
-        sample = load_sample(message, self.by_moment, arrived, data)
+        sample = load_sample(message, self.by_moment, arrived, data, self.bias)
         self._axes.add_force(*message.force)
         return sample
 
@@ -227,12 +244,13 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         """Compute the contact of each compartment."""
         load = pair.load
         angle = pair.angle + self.parameters.knee.flexion_offset
-        medial = self.rule(load.axial, load.moment, angle)
+        axial = load.axial - self.bias
+        medial = self.rule(axial, load.moment, angle)
         status = pair.status
-        if load.doubtful or (self.by_moment and self.by_moment.is_impossible(load.axial, medial)):
+        if load.doubtful or (self.by_moment and self.by_moment.is_impossible(axial, medial)):
             status |= DOUBTFUL_LOAD
         rows = []
-        parts = zip(self.compartments, (medial, load.axial - medial), strict=False)
+        parts = zip(self.compartments, (medial, axial - medial), strict=False)
         for compartment, part in parts:
             if status & TIME_RESET:
                 compartment.restart()
@@ -242,11 +260,11 @@ class ContactPipeline(Pipeline[ContactAnswer]):
             rows.append(row)
         self.is_lost = False
         if self.varies:
-            self.split.add_sample(load.axial, medial, self.rule.is_beyond_table(load.axial, angle))
+            self.split.add_sample(axial, medial, self.rule.is_beyond_table(axial, angle))
         head = header(load.stamp, load.frame_id)
         messages = tuple([head + row[MESSAGE_BYTES] for row in rows])
         wrench = head + summed_wrench(rows)
-        return ContactAnswer(pair, angle, tuple(rows), messages, wrench)
+        return ContactAnswer(pair, angle, axial, tuple(rows), messages, wrench)
 
     def resume_recording(self, ticks_before: int) -> None:
         """Expect the messages of a recording that begins after a number of ticks of the node.
@@ -256,6 +274,27 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         self.frame.is_known = True
         self.is_lost = ticks_before > 0
 
+    def measured_offset(self) -> float:
+        """Offset [N] with which the mean axial load of the last second is 0: for a leg that hangs free.
+
+        Raises:
+            UsageError: there are too few forces, or they are none of a leg that hangs free.
+        """
+        stamps, forces = self.force_conflict.recent_samples(TARE_TIME)
+        span = NANOSECOND * float(np.ptp(stamps)) if len(stamps) else 0.0
+        topic, weight = self.sources[self.force_topic], self.parameters.body_weight
+        if len(forces) < TARE_SAMPLES or span < 0.8 * TARE_TIME:
+            text = f"{len(forces)} forces over {span:.2f} s came on {topic}"
+            raise UsageError(f"{text}; a tare needs {TARE_SAMPLES} over {TARE_TIME:g} s")
+        mean, deviation = float(np.mean(forces)), float(np.std(forces))
+        text = f"the axial load was {mean:.1f} N +- {deviation:.1f} N over {span:.2f} s"
+        if deviation > TARE_DEVIATION * weight or abs(mean) > TARE_BIAS * weight:
+            allowed = f"{TARE_BIAS * weight:.0f} N +- {TARE_DEVIATION * weight:.0f} N"
+            raise UsageError(
+                f"{text}, and a leg that hangs free has at most {allowed}; otherwise set load.offset"
+            )
+        return -mean
+
     def check_retune(self, parameters: Parameters) -> None:
         """Check that `retune` will accept these parameters; raises the reason if not, and changes nothing."""
         load_rule(parameters, self._texts)
@@ -264,6 +303,13 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         if any(abs(sample.angle + offset) > LARGEST_ANGLE for sample in waiting):
             text = f"with an angle that waits for its force, {offset:g} rad is beyond {LARGEST_ANGLE:g} rad"
             raise UsageError(f"parameter knee.flexion_offset: {text}")
+        loads = (*self.synchroniser.waiting_loads, *self.synchroniser.load_time.held_back)
+        offset = parameters.load.offset
+        if any(abs(sample.axial + offset) > LARGEST_LOAD for sample in loads):
+            text = (
+                f"with a force that waits for its angle, {offset:g} N is beyond {LARGEST_LOAD:g} N"
+            )
+            raise UsageError(f"parameter load.offset: {text}")
         knees = (parameters, lateral_knee(parameters))
         for compartment, knee in zip(self.compartments, knees, strict=False):
             doubts_about(knee, retuned(compartment.model, knee))
@@ -280,5 +326,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
     def _set_rule(self, parameters: Parameters) -> None:
         """Set up the rule by which the medial load follows from the joint reaction."""
         self.rule = load_rule(parameters, self._texts)
+        # Subtracted, and 0.0 without an offset: so a load of -0.0 keeps its bits.
+        self.bias = 0.0 - parameters.load.offset
         self.by_moment = self.rule if self.rule.by_moment else None
         self.varies = self.rule.share_varies

@@ -6,7 +6,7 @@ not on when a transform arrived, and a recording can be computed again without t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from struct import Struct
 from typing import Any, NamedTuple
@@ -29,6 +29,8 @@ Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
 ISB_SUFFIX = "_isb"
 """Suffix of a tibia frame (x anterior, y superior, z right) whose bone has a frame by REP 103 without the suffix"""
+TIBIA = "tibia"
+"""Name of the tibia frame if forces are turned and no parameter names it"""
 SQRT_HALF = 0.5**0.5
 FROM_REP_103 = (SQRT_HALF, 0.0, 0.0, SQRT_HALF)
 """Rotation from x forward, y left, z up to x anterior, y superior, z right, a quarter turn about x; as x, y, z, w"""
@@ -172,11 +174,27 @@ def _rotations() -> Any:
     return Rotation
 
 
+def rotation_pose(numbers: Sequence[float]) -> Pose | None:
+    """Pose with the rotation by these numbers (`rotation_numbers`); None without numbers."""
+    if not numbers:
+        return None
+    turn, pose = _rotations(), np.eye(4)
+    one = turn.from_quat(numbers) if len(numbers) == 4 else turn.from_euler("xyz", numbers)
+    pose[:3, :3] = one.as_matrix()
+    return pose
+
+
 class ForceFrame:
     """Checks that all forces come in one frame, and transforms them if that is not the wanted one."""
 
-    def __init__(self, wanted: str = "", topic: str = JOINT_REACTION_FORCE) -> None:
-        """Expect forces of `topic`; `wanted` names the tibia frame, or is empty if forces need no transform."""
+    def __init__(
+        self, wanted: str = "", topic: str = JOINT_REACTION_FORCE, rotation: Sequence[float] = ()
+    ) -> None:
+        """Expect forces of `topic`; `wanted` names the tibia frame, or is empty if forces need no transform.
+
+        A `rotation` (`rotation_numbers`) turns all forces, without transforms. It is a parameter, so the forces are
+        recorded as they came, and turned again when the recording is computed.
+        """
         self.wanted, self._topic = wanted, topic
         self.is_known = False
         """Whether all forces are known to be in the tibia frame, as in a recording; then nothing is checked"""
@@ -187,6 +205,7 @@ class ForceFrame:
             None  # its pose in the wanted frame; None if nothing is transformed
         )
         self._candidate: Pose | None = None  # that pose for the last force, while no frame is held
+        self._rotation = rotation_pose(rotation)
         self._transforms = StaticTransforms()
         if wanted:
             _rotations()  # now, and not while a force waits
@@ -221,6 +240,8 @@ class ForceFrame:
 
     def needs_no_turn(self, frame: str) -> bool:
         """Whether a force in this frame is accepted, is in the same frame as earlier ones, and needs no transform."""
+        if self._rotation is not None:
+            return False
         if self.is_known:
             return True
         if self._frame == "" and not self.wanted:  # a publisher that did not know its frame yet
@@ -249,10 +270,12 @@ class ForceFrame:
         self._candidate = None
         if self.needs_no_turn(frame):
             return wrench, data
-        if self._frame is not None and frame != self._frame:
+        if self._frame not in (None, frame) and not self.is_known:
             text = f"{self._topic} is in frame {_short(frame)}, and was in {_short(self._frame)} before"
             text += "; if the new one is right, ~/reset takes it"
             raise RefusedSampleError("frame_changed", text)
+        if self._rotation is not None:
+            return turned_wrench(wrench, self._rotation, self.wanted or TIBIA), data
         pose = self._pose
         if pose is None:
             self._candidate = pose = self._transforms.between(frame.removeprefix("/"), self.wanted)

@@ -26,8 +26,16 @@ STARTING, OPEN, REFUSED, FAILED, ENDED = "starting", "open", "refused", "failed"
 
 PROVENANCE = "knee_contact"
 """Name of the metadata record that describes how contacts were computed (`bags/provenance.py`)"""
+TICK = "tick"
+"""Key in the metadata records of changes of a running node for the number of ticks before"""
 LOAD_PROVENANCE = "knee_load"
 """Name of that record for estimated joint reactions; the other name would let them be computed again as contacts"""
+
+
+ANSWERS_FLAGGED = "answers_flagged"
+"""Name of the metadata record of bits of `Status` that all later answers have, until the next such record"""
+STATUS = "status"
+"""Key in this record for the bits, as a number"""
 
 
 class RecordedKnee(NamedTuple):

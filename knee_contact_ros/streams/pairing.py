@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
@@ -85,6 +85,11 @@ class Synchroniser:
         self._last_load: int | None = None
         self.last_pair: int | None = None
         """Stamp [ns] of the last pair"""
+        self.lasting = OK
+        """Bits of `Status` of every later pair; see `flag_from_now`"""
+        self.on_flags: Callable[[], object] = lambda: None
+        """Function that is called when `lasting` has changed"""
+        self._lasting: dict[str, int] = {}
         self.clocks_differ = False
         """Whether the stamps of both streams differ by more than `pairing.max_gap`, although both come in turns"""
         self.leads: list[int] = []
@@ -112,7 +117,7 @@ class Synchroniser:
     @property
     def is_steady(self) -> bool:
         """Whether nothing unusual has happened since the last pair; `resume` is allowed only then."""
-        is_unusual = self._flags or self.refused.is_new or self._earlier_angles
+        is_unusual = self._flags or self.lasting or self.refused.is_new or self._earlier_angles
         is_held_back = self.angle_time.held_back or self.load_time.held_back
         return not (is_unusual or is_held_back or self._differing_since is not None)
 
@@ -139,13 +144,23 @@ class Synchroniser:
         self.last_pair = None
         self._flags |= TIME_RESET
 
+    def flag_from_now(self, reason: str, bits: int) -> None:
+        """Give every later pair these bits of `Status` for a reason, until they are set to 0."""
+        self._lasting[reason] = bits
+        lasting = OK
+        for each in self._lasting.values():
+            lasting |= each
+        if lasting != self.lasting:
+            self.lasting = lasting
+            self.on_flags()
+
     def clear_streams(self) -> None:
         """Forget the last stamps, so that the streams may continue anywhere; to be called after `finish_streams`."""
         self.angle_time.clear_stream()
         self.load_time.clear_stream()
         self._last_load = None
         self._differing_since = None
-        self.clocks_differ = False
+        self._set_clocks_differ(False)
 
     def clear_angles(self) -> None:
         """Stop using earlier angles; to be called after `clear_streams` if the streams are interrupted."""
@@ -222,13 +237,19 @@ class Synchroniser:
         other = last + self.angle_delay if of_load else last
         if abs(stamp - other) <= self._max_gap:
             self._differing_since = None
-            self.clocks_differ = False
+            if self.clocks_differ:
+                self._set_clocks_differ(False)
         elif of_load and (self._differing_since is None or stamp < self._differing_since):
             self._differing_since = stamp
         elif of_load and self._differing_since is not None:
-            self.clocks_differ |= stamp - self._differing_since >= DIFFERING_TIME
+            differ = stamp - self._differing_since >= DIFFERING_TIME
+            self._set_clocks_differ(differ or self.clocks_differ)
         if of_load and len(self.leads) < MAX_LEADS:
             self.leads.append(stamp - other)
+
+    def _set_clocks_differ(self, differ: bool) -> None:
+        self.clocks_differ = differ
+        self.flag_from_now("clocks differ", STALE_INPUT if differ else OK)
 
     def _pairs_with_angles(self, samples: Iterable[AngleSample]) -> Pairs:
         """Make the pairs that accepted angles make possible."""
@@ -283,9 +304,7 @@ class Synchroniser:
             until = max(load.stamp, angle.stamp)
             while self.unpaired_angles and self.unpaired_angles[0].stamp <= until:
                 angles.append(self.unpaired_angles.popleft())
-            status |= self._flags
-            if self.clocks_differ:
-                status |= STALE_INPUT
+            status |= self._flags | self.lasting
             if self.refused.is_new:
                 status |= INPUT_REJECTED
             self._flags = OK

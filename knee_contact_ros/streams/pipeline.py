@@ -21,6 +21,7 @@ from knee_contact_ros.streams.messages import (
     RefusedSampleError,
     WrenchStamped,
 )
+from knee_contact_ros.streams.output import ANSWERS_FLAGGED, STATUS, TICK, Note
 from knee_contact_ros.streams.pairing import PairedSample, Pairs, Synchroniser
 from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
 from knee_contact_ros.streams.timeline import AngleSample, LoadSample
@@ -62,6 +63,7 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Topics from which the inputs come, by their usual names, for the sentences about refused samples"""
         self.frame = frame
         self.synchroniser = Synchroniser(parameters.pairing)
+        self.synchroniser.on_flags = self._note_flags
         self.ticks = 0
         """Number of answers"""
         self.angle_conflict = PublisherConflict(JOINT_STATES, LARGEST_ANGLE_SWING, "rad")
@@ -70,6 +72,8 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Whether the forces come from publishers that disagree"""
         self.message_stamp: int | None = None
         """Stamp [ns] of the last message; None if its bytes are not a message"""
+        self.notes: list[Note] = []
+        """Notes to record before the next answer"""
         self.last_refusal = ""
         """Sentence about the last refused sample"""
 
@@ -149,6 +153,15 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
         self.frame.forget_frame()
         self.synchroniser.restart()
+
+    @property
+    def flags_note(self) -> Note:
+        """Note of the bits that every later answer has, so that `solve` repeats them."""
+        values = {TICK: str(self.ticks), STATUS: str(self.synchroniser.lasting)}
+        return Note(ANSWERS_FLAGGED, values)
+
+    def _note_flags(self) -> None:
+        self.notes.append(self.flags_note)
 
     def ending(self) -> Ending:
         """End of a recording: the angles that belong to no answer, and the counts of refused samples."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections import deque
+
 import numpy as np
 
 from knee_contact_ros.model.types import NANOSECOND, Floats, Stamps
@@ -33,6 +36,7 @@ class PublisherConflict:
         self._difference = difference
         self._unit = unit
         self._unchecked: list[tuple[int, float]] = []
+        self._kept: deque[list[tuple[int, float]]] = deque(maxlen=2)  # of the last checks
         self._last_stamps = np.empty(0, np.int64)  # of the last two checked samples
         self._last_values = np.empty(0)
         self._checked = 0
@@ -47,10 +51,22 @@ class PublisherConflict:
     def check_samples(self) -> None:
         """Check the samples that have come since the last check."""
         unchecked, self._unchecked = self._unchecked, []
+        self._kept.append(unchecked)
         self.add_samples(
             np.array([stamp for stamp, _ in unchecked], np.int64),
             np.array([value for _, value in unchecked]),
         )
+
+    def recent_samples(self, duration: float) -> tuple[Stamps, Floats]:
+        """Stamps [ns] and values, shape (n,), within a `duration` [s] before the last sample.
+
+        Only those since the last two checks are known, about two seconds live.
+        """
+        samples = [*itertools.chain(*self._kept), *self._unchecked]
+        stamps = np.array([stamp for stamp, _ in samples], np.int64)
+        values = np.array([value for _, value in samples])
+        recent = np.abs(stamps - stamps[-1:]) <= duration / NANOSECOND
+        return stamps[recent], values[recent]
 
     def add_samples(self, stamps: Stamps, values: Floats) -> None:
         """Add many samples, shape (n,), and check them."""

@@ -57,8 +57,15 @@ def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
         beyond_words(model),
         doubts,
         inputs,
-        AxisCheck(parameters.frame.tibia),
+        AxisCheck(turned_by(parameters)),
     )
+
+
+def turned_by(parameters: Parameters) -> str:
+    """Name and value of the parameter by which forces are turned; empty if they are not."""
+    if parameters.load.rotation:
+        return f"load.rotation {parameters.load.rotation!r}"
+    return f"frame.tibia {parameters.frame.tibia!r}" if parameters.frame.tibia else ""
 
 
 def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
@@ -165,7 +172,8 @@ class Doubts:
     def continue_with(self, other: Doubts) -> None:
         """Continue with the limit and the sentences of other parameters."""
         self.plausible_depth, self.limit = other.plausible_depth, other.limit
-        self.about_parameters, self.axes.frame = other.about_parameters, other.axes.frame
+        self.about_parameters = other.about_parameters
+        self.axes.turned_by = other.axes.turned_by
         self.inputs.body_weight, self.inputs.load_driven = (
             other.inputs.body_weight,
             other.inputs.load_driven,
@@ -328,7 +336,7 @@ ADVICE = {
     "no_angle_before": "there are no angles at their times: are these in another bag, or by another clock?",
     "no_stamp": "the publisher has to set it",
     "frame_changed": "the publisher has to keep one frame_id; forces of several sensors are runs of their own",
-    "frame_unknown": "give a static transform, or an empty frame.tibia if they are in the tibia frame",
+    "frame_unknown": "give a static transform or load.rotation, or an empty frame.tibia if they are in the tibia frame",
     "joint_missing": "knee.joint_name has to be a joint of every sample",
     "lengths_differ": "the publisher has to give a position for every name",
 }

@@ -12,7 +12,7 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from io import BufferedReader
 from itertools import accumulate
@@ -28,7 +28,7 @@ DEFAULT_PARAMETERS = "healthy.yaml"
 
 
 def share_folder() -> Path:
-    """Return the share folder of the package: the source tree if this module runs from one, else in an ament prefix.
+    """Return the share folder of the package: the source tree if this module runs from one, else beside the modules.
 
     Raises:
         FileNotFoundError: the package is not installed completely.
@@ -36,10 +36,10 @@ def share_folder() -> Path:
     source_tree = Path(__file__).resolve().parents[2]
     if (source_tree / "package.xml").is_file():
         return source_tree
-    share = installed_share(PACKAGE)
+    share = _share(PACKAGE, Path(__file__).parents) or installed_share(PACKAGE)
     if share is None:
         raise FileNotFoundError(
-            f"share/{PACKAGE} is in no ament prefix; install the package again"
+            f"share/{PACKAGE} is neither above {__file__} nor in an ament prefix; install the package again"
         )
     return share
 
@@ -68,7 +68,11 @@ def missing_middleware() -> str:
 
 def installed_share(package: str) -> Path | None:
     """Return the share folder of an installed ROS 2 package; None if there is none."""
-    shares = [Path(prefix) / "share" / package for prefix in ament_prefixes()]
+    return _share(package, map(Path, ament_prefixes()))
+
+
+def _share(package: str, prefixes: Iterable[Path]) -> Path | None:
+    shares = [prefix / "share" / package for prefix in prefixes]
     return next((share for share in shares if (share / "package.xml").is_file()), None)
 
 
@@ -311,4 +315,5 @@ def install_command(extra: str) -> str:
     source = share_folder()
     if Path(sys.prefix) == source / ".venv":
         return f"in {source}: .venv/bin/uv pip install -e '.[{extra}]'"
-    return f"in the folder of the package's sources: {sys.executable} -m pip install '.[{extra}]'"
+    keep = " --config-settings messages=yes" if find_spec(f"{PACKAGE}.msg") else ""
+    return f"in the folder of the package's sources: {sys.executable} -m pip install{keep} '.[{extra}]'"

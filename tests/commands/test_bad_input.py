@@ -24,6 +24,10 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "--from-sensors --params load/gait2354": "no parameters for node knee_contact",
         "--load-params load/insole": "--load-params is for --from-sensors",
     },
+    "watch": {
+        "--wait 0": "0.1<=x<=3600.0",
+        "--once --wait 0.1": "no node with knee_contact or load_estimate in ROS domain",
+    },
     "view": {
         "{bag} --save typo/out.rrd": NO_FOLDER,
         "{bag} --save x.png": "--save x.png: its name must end with .rrd",

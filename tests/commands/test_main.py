@@ -82,6 +82,25 @@ def test_another_ros_on_the_path_is_named_with_the_cure(words: str, tmp_path: Pa
     assert "env -u PYTHONPATH" in errors
 
 
+@pytest.mark.parametrize("words", [*ROS_COMMANDS, "load", "load --with-contact"])
+def test_a_command_without_ros_says_where_to_read(words: str, tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['rclpy'] = None\n")
+    (line,) = errors_of(words, tmp_path).splitlines()
+    assert line.startswith("knee-contact: this command needs ROS 2: ")
+    assert "docs/how-to/install.md" in line
+    assert "## With ROS" in (ROOT / "docs/how-to/install.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("words", ["node", "load", "demo --output new"])
+def test_a_command_without_our_messages_says_where_to_read(words: str, tmp_path: Path) -> None:
+    hidden = "import sys; sys.modules['knee_contact_ros.msg'] = None\n"
+    (tmp_path / "sitecustomize.py").write_text(hidden)
+    (tmp_path / "rclpy.py").touch()
+    (line,) = errors_of(words, tmp_path).splitlines()
+    assert "needs the package's ROS messages" in line
+    assert "docs/how-to/install.md" in line
+
+
 @pytest.mark.parametrize("words", ROS_COMMANDS)
 def test_a_missing_middleware_is_named_with_the_cure(words: str, broken_ros: Path) -> None:
     """The demo goes on without it, and then finds the ROS that cannot be loaded."""

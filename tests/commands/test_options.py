@@ -76,9 +76,7 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
         ("bag", None),
         ("bag --clock", 0.0),
         ("--clock bag", 0.0),
-        ("--clock --loop bag", 0.0),
         ("--clock 40 bag", 40.0),
-        ("bag --clock=2.5", 2.5),
     ],
 )
 def test_the_clocks_rate_may_be_left_out(words: str, clock: float | None) -> None:

@@ -30,7 +30,7 @@ COMMANDS = {
 }
 """Arguments with which a command reads a bag"""
 READ_NO_BAG = {
-    *("node", "load", "import-opensim", "import-csv", "align", "fit-profile"),
+    *("node", "load", "watch", "import-opensim", "import-csv", "align", "fit-profile"),
     *("sweep", "sensitivity", "export"),
 }
 OTHERWISE = [

@@ -91,14 +91,9 @@ def test_gaps_of_the_reference_do_not_count() -> None:
             "are both of one knee, in one time",
         ),
         (lambda t: flexion(t - 0.3), "fit best at the longest lag tried, 0.25 s|r = 0"),
-        (lambda t: np.zeros(len(t)), "correlate with r = 0.00"),
         (
             lambda t: np.degrees(flexion(t - 0.02)),
             r"moves 57\.3 times as far as .*: are both units right\?",
-        ),
-        (
-            lambda t: np.radians(flexion(t - 0.02)),
-            r"moves 0\.0175 times as far as .*: are both units right\?",
         ),
         (None, "have 0 rows in common"),
     ],

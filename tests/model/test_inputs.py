@@ -116,9 +116,9 @@ def test_two_thousand_gaits_are_not_doubted() -> None:
         )  # half of it borne by an exoskeleton
 
 
-def axes(forces: np.ndarray, frame: str = "") -> str:
+def axes(forces: np.ndarray, turned_by: str = "") -> str:
     """Return the sentence about forces [N], the same of all at once and one by one."""
-    whole, each = AxisCheck(frame), AxisCheck(frame)
+    whole, each = AxisCheck(turned_by), AxisCheck(turned_by)
     whole.add_forces(forces)
     for force in forces.tolist():
         each.add_force(*force)
@@ -136,9 +136,11 @@ def test_a_load_along_another_axis_is_reported() -> None:
     assert axes(right[:, [0, 2, 1]]).startswith(
         f"force.z carries {mean} N on average, and force.y "
     )
-    assert "is z up? Set frame.tibia (for z up as in REP 103" in axes(right[:, [0, 2, 1]])
+    assert "is z up? Set load.rotation (for z up as in REP 103: -90 0 0 deg)" in axes(
+        right[:, [0, 2, 1]]
+    )
     assert axes(right[:, [1, 0, 2]]).startswith(f"force.x carries {mean} N")
-    assert axes(right[:, [0, 2, 1]], "tibia_isb").endswith(
+    assert axes(right[:, [0, 2, 1]], "frame.tibia 'tibia_isb'").endswith(
         "is z up? Is frame.tibia 'tibia_isb' right?"
     )
 

@@ -29,12 +29,10 @@ def told(rows: Any) -> list[bytes]:
 
 WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "nothing": ([], {}),
-    "a name": (["--params", "osteoarthritis.yaml"], {"params": "osteoarthritis"}),
     "names": (
         ["--params", "osteoarthritis", "--params", "mri_femur"],
         {"params": ["osteoarthritis", "mri_femur.yaml"]},
     ),
-    "a value": (["-p", "contact.damping:=0.0"], {"values": {"contact.damping": 0.0}}),
     "a nested value": (["-p", "femur.mass:=8.0"], {"values": {"femur": {"mass": 8.0}}}),
 }
 

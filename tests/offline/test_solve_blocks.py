@@ -116,6 +116,7 @@ PARAMETERS = {
     "late": {"pairing.angle_delay": 0.0253},
     "early": {"pairing.angle_delay": -0.0047, "pairing.max_gap": 0.005},
     "moment": {"load.compartment": "moment_balance", "load.compartment_spacing": 0.05},
+    "tared": {"load.offset": -40.0, "load.compartment": "moment_balance"},
     "measured": {"load.compartment": "measured_share"},
 }
 

@@ -1,8 +1,8 @@
 """Source distribution and wheel, as a user gets them: `make test-package`.
 
-Built from the files that git knows (those not yet added too), the wheel from the source distribution; installed into a
-new environment outside the tree. It takes a minute and downloads what is not in uv's cache, so `make test` leaves it
-out.
+Built from the files that git knows (those not yet added too), the wheels from the source distribution: one without ROS,
+and one with the messages. Each is installed into a new environment outside the tree. It takes two minutes and
+downloads what is not in uv's cache, so `make test` leaves it out.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ class Distributions(NamedTuple):
     """Those it is built from, relative to the tree"""
     source: Path
     wheel: Path
+    """For any Python 3, without ROS"""
+    with_messages: Path
 
 
 def run(*command: str | Path, folder: Path) -> str:
@@ -81,39 +83,33 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
         shutil.copy2(ROOT / name, copy)
     run(UV, "build", "--quiet", "--sdist", "--out-dir", folder, "tree", folder=folder)
     (source,) = folder.glob("*.tar.gz")
-    run(
-        UV,
-        "build",
-        "--quiet",
-        "--wheel",
-        "--python",
-        sys.executable,
-        "--out-dir",
-        folder,
-        source,
-        folder=folder,
-    )
-    (wheel,) = folder.glob("*.whl")
-    return Distributions(files, source, wheel)
+    options = "--quiet", "--wheel", "--python", sys.executable, source
+    for name, more in (("plain", []), ("messages", ["--config-settings", "messages=yes"])):
+        run(UV, "build", *options, "--out-dir", folder / name, *more, folder=folder)
+    wheels = [next((folder / name).glob("*.whl")) for name in ("plain", "messages")]
+    return Distributions(files, source, *wheels)
+
+
+def environment_with(wheel: str, folder: Path) -> Path:
+    """Return the programs of a new environment that has a wheel and what it asks for, and nothing else."""
+    run(UV, "venv", "--quiet", "--python", sys.executable, "venv", folder=folder)
+    programs = folder / "venv" / "bin"
+    options = "--quiet", "--python", programs / "python"
+    run(UV, "pip", "install", *options, wheel, folder=folder)
+    return programs
+
+
+@pytest.fixture(scope="module")
+def plain(distributions: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment without ROS."""
+    return environment_with(str(distributions.wheel), tmp_path_factory.mktemp("plain"))
 
 
 @pytest.fixture(scope="module")
 def installed(distributions: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The programs of a new environment that has the wheel and what it asks for, and nothing else."""
+    """An environment with ROS from PyPI."""
     folder = tmp_path_factory.mktemp("installed")
-    run(UV, "venv", "--quiet", "--python", sys.executable, "venv", folder=folder)
-    programs = folder / "venv" / "bin"
-    run(
-        UV,
-        "pip",
-        "install",
-        "--quiet",
-        "--python",
-        programs / "python",
-        distributions.wheel,
-        folder=folder,
-    )
-    return programs
+    return environment_with(f"{distributions.with_messages}[ros]", folder)
 
 
 def test_the_source_distribution_has_what_git_has(distributions: Distributions) -> None:
@@ -129,7 +125,7 @@ def test_the_source_distribution_has_what_git_has(distributions: Distributions) 
 def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
     distributions: Distributions,
 ) -> None:
-    with ZipFile(distributions.wheel) as archive:
+    with ZipFile(distributions.with_messages) as archive:
         packed = set(archive.namelist())
     data = f"{PACKAGE}-{__version__}.data/data/"
     ours = {name for name in distributions.files if name.startswith(f"{PACKAGE}/")}
@@ -155,6 +151,8 @@ def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
             "share/ament_index/",
             f"lib/{PACKAGE}/",
             f"lib/lib{PACKAGE}__",
+            "lib/libtf2_msgs__",
+            "share/tf2_msgs/",
             "lib/python",
         )
     )
@@ -166,9 +164,40 @@ def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
     assert others == set()
 
 
-def test_package_indexes_take_both(distributions: Distributions) -> None:
+def test_the_wheel_without_messages_is_for_any_python_and_asks_for_no_ros(
+    distributions: Distributions,
+) -> None:
+    assert "-py3-none-linux_" in distributions.wheel.name
+    with ZipFile(distributions.wheel) as archive:
+        names = archive.namelist()
+        (metadata,) = (name for name in names if name.endswith("METADATA"))
+        asked = re.findall(r"Requires-Dist: (.*)", archive.read(metadata).decode())
+    assert [one for one in asked if one.startswith("ros-") and "extra ==" not in one] == []
+    assert [one for one in asked if one.startswith("ros-jazzy-rclpy")] != []
+    data = f"{PACKAGE}-{__version__}.data/data/share/{PACKAGE}/"
+    shared = {f"{data}{one}" for one in distributions.files if one.split("/")[0] in SHARED}
+    assert shared <= set(names)
+    compiled = [name for name in names if name.endswith(".so")]
+    assert [name.split("/")[1] for name in compiled] == ["model"]
+    assert not [name for name in names if "/lib/" in name or name.startswith(f"{PACKAGE}/msg")]
+
+
+def test_the_wheel_without_messages_runs_without_ros(plain: Path, tmp_path: Path) -> None:
+    listed = run(UV, "pip", "list", "--python", plain / "python", folder=tmp_path)
+    assert not re.search("^(ros-|rclpy|numba|llvmlite)", listed, re.MULTILINE)
+    bag = plain.parent / "share" / PACKAGE / "bags" / "gait2354_right"
+    solved = run(plain / "knee-contact", "solve", bag, "--output", "solved.mcap", folder=tmp_path)
+    assert "1613.8" in solved  # the largest load of the gait [N]
+    done = subprocess.run(
+        [plain / "knee-contact", "demo"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("knee-contact: this command needs ROS 2: ")
+
+
+def test_package_indexes_take_all(distributions: Distributions) -> None:
     told = run(sys.executable, "-m", "twine", "check", "--strict", *distributions[1:], folder=ROOT)
-    assert told.count("PASSED") == 2
+    assert told.count("PASSED") == 3
 
 
 def test_the_command_tells_its_version_and_help(installed: Path) -> None:

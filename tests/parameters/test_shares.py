@@ -172,9 +172,7 @@ def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
     ("text", "reason"),
     [
         ("", "must hold three columns flexion_angle, axial_load, medial_share of numbers"),
-        ("0,0,a\n", "three columns"),
         ("0,0\n1,1\n", "three columns"),
-        ("0,0,nan\n", "three columns"),
         ("0,0,0.5\n0,1\n", "three columns"),
         (
             "0,0,0.5\n0,2,0.7\n60,0,0.3\n60,2,1\n",
@@ -186,7 +184,6 @@ def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
             "0,0,0.5\n0,2,0.7\n1,0,0.3\n1,2.5,0.4\n",
             "every one of its 2 angles needs every one of its 3 loads once",
         ),
-        ("0,0,0.5\n0,2,0.7\n1,0,0.3\n1,0,0.4\n", "every one of its 2 angles needs"),
         ("0,0,0.5\n0,2,0.7\n", "two or more flexion angles"),
         ("0,0,0.5\n" * 2001, "has 2001 points; at most 2000 are allowed"),
         ("#" * (2**20 + 1), "characters; at most"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,11 +14,13 @@ from knee_contact_ros.msg import KneeContact
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
+from tf2_msgs.msg import TFMessage
 
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.frames import (
     TF_MESSAGE,
     TF_STATIC,
@@ -29,7 +33,7 @@ from tests.helpers.messages import RosMessages, header
 from tests.helpers.offline import solve
 from tests.helpers.walking import FORCE, walk
 from tests.offline.test_sources import DYNAMIC_JOINT_STATE_TYPE, STORE, answers, dynamic
-from tests.ros.conftest import Peer, Start
+from tests.ros.conftest import Peer, Start, trigger
 
 STEP = 5_000_000
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -48,10 +52,9 @@ def refused(peer: Peer, reason: str) -> int:
 def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:
-    messages = pytest.importorskip("tf2_msgs.msg", reason="needs the ROS package tf2_msgs")
     told: list[Transform] = []
     peer.node.create_subscription(
-        messages.TFMessage,
+        TFMessage,
         "/tf_static",
         lambda data: told.extend(decode_transforms(data)),
         LATCHED,
@@ -66,7 +69,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     send_force(peer, 0, "load_cell", (0.0, 0.0, 700.0))
     peer.wait_until(lambda: refused(peer, "frame_unknown") == 1)
     robot = Node("robot")
-    publisher = robot.create_publisher(messages.TFMessage, "/tf_static", LATCHED)
+    publisher = robot.create_publisher(TFMessage, "/tf_static", LATCHED)
     upside_down = Transform("shank", "load_cell", (0.0, 0.0, -0.3), (1.0, 0.0, 0.0, 0.0))
     publisher.publish(encode_transform(upside_down, 0))
     stamp = STEP
@@ -139,7 +142,6 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
 
 
 def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> None:
-    messages = pytest.importorskip("tf2_msgs.msg", reason="needs the ROS package tf2_msgs")
     mounted = Transform("tibia", "sensor", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5))
     bag, topics = tmp_path / "bag.mcap", INPUT_TYPES | {TF_STATIC: TF_MESSAGE}
     with BagWriter(bag) as writer:
@@ -154,7 +156,7 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
         writer.write_message(TF_STATIC, 0, encode_transform(mounted, 0))
     told: list[Transform] = []
     peer.node.create_subscription(
-        messages.TFMessage,
+        TFMessage,
         "/tf_static",
         lambda data: told.extend(decode_transforms(data)),
         LATCHED,
@@ -167,3 +169,61 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
     assert told == [mounted]
     replay.kill()
     replay.wait()
+
+
+def test_a_number_turns_forces_without_transforms(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    recording = tmp_path / "live.mcap"
+    node = start_node("load.rotation:=-90 0 0 deg", f"record.path:={recording}")
+    peer.wait_for_node()
+    for i in range(20):
+        peer.send_angle(i * STEP, 0.01 * i)
+        send_force(peer, i * STEP, "load_cell", (0.0, 0.0, -700.0 - i))
+    peer.wait_until(lambda: len(peer.contacts) == 20)
+    loads = [350.0 + 0.5 * i for i in range(20)]
+    assert [one.load for one in peer.contacts] == pytest.approx(loads, abs=1e-9)
+    assert {one.header.frame_id for one in (*peer.contacts, *peer.wrenches)} == {"tibia"}
+    node.stop()
+    how = read_provenance(recording)
+    solve(recording, how, tmp_path / "again.mcap")
+    solve(
+        recording, load_parameters({"load.rotation": [-math.pi / 2, 0.0, 0.0]}), tmp_path / "new"
+    )
+    first, again, new = (
+        answers(path) for path in (recording, tmp_path / "again.mcap", tmp_path / "new")
+    )
+    assert first == again == new
+
+
+def test_a_free_leg_tares_its_sensor(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    recording = tmp_path / "live.mcap"
+    node = start_node(f"record.path:={recording}")
+    peer.wait_for_node()
+    said = trigger(peer, "tare")
+    assert not said[0]
+    assert "0 forces over 0.00 s came on joint_reaction_force" in said[1]
+
+    def send(first: int, last: int, axial: Callable[[int], float]) -> None:
+        for i in range(first, last):
+            peer.send(i * STEP, 0.2, axial(i))
+            peer.spin(0.002)
+        peer.wait_until(lambda: len(peer.contacts) == last)
+
+    send(0, 300, lambda i: 800.0 + 600.0 * math.sin(0.1 * i))
+    said = trigger(peer, "tare")
+    assert not said[0]
+    assert "a leg that hangs free has at most 184 N +- 22 N" in said[1]
+    send(300, 600, lambda i: 40.0 + (-1.0) ** i)
+    assert peer.contacts[-1].load == 19.5
+    assert trigger(peer, "tare") == (True, "load.offset is -40.000 N now")
+    send(600, 800, lambda i: 40.0 + (-1.0) ** i)
+    assert peer.contacts[-1].load == pytest.approx(-0.5, abs=1e-9)  # a mean of 201 numbers
+    assert "load.offset is -40.000 N now" in node.stop()
+    how = read_provenance(recording)
+    assert how is not None
+    assert [(change.tick, list(change.values or ())) for change in how.changes] == [
+        (600, ["load.offset"])
+    ]
+    solve(recording, how, tmp_path / "again.mcap")
+    assert answers(tmp_path / "again.mcap") == answers(recording)

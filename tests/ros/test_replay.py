@@ -215,7 +215,6 @@ def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> Non
         (["--start-paused"], "--start-paused needs a terminal"),
         (["--start-offset", "100"], "has no message there; it lasts 1.930 s"),
         (["--clock", "-3"], "-3.0 is not in the range"),
-        (["--duration", "0"], "0.0 is not in the range"),
         (
             ["--remap", "joint_states:=/exo"],
             "has no topic /exo (sensor_msgs/msg/JointState); its topics",

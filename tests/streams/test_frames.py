@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.sections import rotation_numbers
 from knee_contact_ros.streams.frames import (
     FROM_REP_103,
     ForceFrame,
@@ -25,6 +27,7 @@ from knee_contact_ros.streams.messages import (
     WrenchStamped,
     encode_wrench_stamped,
 )
+from knee_contact_ros.system.errors import UsageError
 
 NOWHERE = (0.0, 0.0, 0.0)
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -176,3 +179,43 @@ def test_nothing_is_checked_of_a_recording() -> None:
     for name in ("a", "b"):
         given = wrench(name, NOWHERE)
         assert take(frame, given) is given
+
+
+@pytest.mark.parametrize(
+    "text", ["-90 0 0 deg", "-1.5707963267948966, 0, 0", f"-{0.5**0.5} 0 0 {0.5**0.5}"]
+)
+def test_a_rotation_is_angles_or_a_quaternion(text: str) -> None:
+    frame = ForceFrame(rotation=rotation_numbers(text))
+    given = wrench("cell", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    turned, data = frame.turn_wrench(given, b"as it came")
+    assert data == b"as it came"  # a recording is turned again
+    assert (turned.frame_id, turned.stamp) == ("tibia", 7)
+    assert turned.force == pytest.approx((1.0, 3.0, -2.0), abs=ROUNDING)
+    assert turned.torque == pytest.approx((4.0, 6.0, -5.0), abs=ROUNDING)
+
+
+@given(arrays(float, 3, elements=st.floats(-7.0, 7.0)), vectors)
+def test_a_rotation_turns_as_its_sensor_in_a_urdf(angles: np.ndarray, force: np.ndarray) -> None:
+    roll, pitch, yaw = (Rotation.from_rotvec(row) for row in np.diag(angles))
+    frame = ForceFrame("shank", rotation=rotation_numbers(" ".join(map(repr, angles.tolist()))))
+    x, y, z = force.tolist()
+    turned, _ = frame.turn_wrench(wrench("cell", (x, y, z)), b"")
+    expected = (yaw * pitch * roll).apply(force)  # fixed axes: first about x, last about z
+    assert turned.frame_id == "shank"
+    assert turned.force == pytest.approx(expected.tolist(), abs=10 * ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "value", ["1 2", "1 2 3 4", "0 0 0 1 deg", "a b c", "nan 0 0", [1.0, 2.0], 3.0]
+)
+def test_a_text_that_is_no_rotation_is_refused(value: object) -> None:
+    with pytest.raises(UsageError, match=r"parameter load.rotation: .* is not allowed"):
+        load_parameters({"load.rotation": value})
+
+
+def test_a_rotated_force_needs_three_numbers() -> None:
+    values = {"load.rotation": "0 0 0", "load.source": "cell std_msgs/Float64 data on arrival"}
+    with pytest.raises(
+        UsageError, match=r"load.source: 1 fields are not allowed; load.rotation needs 3"
+    ):
+        load_parameters(values)

@@ -22,5 +22,24 @@ def test_the_command_is_one_that_works_here(
     told = not_installed("jinja2", "report")
     assert told == f"jinja2 is not installed; in {ROOT}: .venv/bin/uv pip install -e '.[report]'"
     monkeypatch.setattr(files, "share_folder", lambda: tmp_path)
+    command = f"{sys.executable} -m pip install --config-settings messages=yes '.[report]'"
+    assert command in not_installed("jinja2", "report")
+    monkeypatch.setitem(sys.modules, "knee_contact_ros.msg", None)
     assert f"{sys.executable} -m pip install '.[report]'" in not_installed("jinja2", "report")
     assert "knee-contact-ros[" not in told
+
+
+@pytest.mark.parametrize("site", ["lib/python3.11/site-packages", "Lib/site-packages", "."])
+def test_the_files_of_an_installation_are_beside_its_modules(
+    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of an environment, one on Windows, and `pip install --target`; another one's do not come before."""
+    share, other = (tmp_path / name / "share" / "knee_contact_ros" for name in ("own", "other"))
+    for folder in (share, other):
+        folder.mkdir(parents=True)
+        (folder / "package.xml").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "other"))
+    monkeypatch.setattr(
+        files, "__file__", str(tmp_path / "own" / site / "knee_contact_ros/system/files.py")
+    )
+    assert files.share_folder() == share
