@@ -102,8 +102,8 @@ def main(arguments: list[str] | None = None) -> int:
 def open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 
-    Otherwise the next opened file would get descriptor 0, 1 or 2, and be read or written by mistake. Characters that the
-    output does not have, as on a console of Windows, are escapes.
+    Otherwise the next opened file would get descriptor 0, 1 or 2, and be read or written by mistake. Characters that
+    the output does not have, as on a console of Windows, are escapes.
     """
     descriptor = os.open(os.devnull, os.O_RDWR)
     while descriptor <= 2:

@@ -44,8 +44,8 @@ def lacking_names(system: str) -> dict[str, list[str]]:
 def names_of(module: str, system: str) -> set[str]:
     """Return the names of a module of Python's library on a system."""
     package = find_spec("mypy")
-    assert package and package.origin
-    stub = Path(package.origin).with_name("typeshed") / "stdlib" / module
+    assert package
+    stub = Path(str(package.origin)).with_name("typeshed") / "stdlib" / module
     file = stub / "__init__.pyi" if stub.is_dir() else stub.with_suffix(".pyi")
     return set(_names(ast.parse(file.read_text("utf-8")).body, system))
 
@@ -69,7 +69,7 @@ def _holds(test: ast.expr, system: str) -> bool:
     """Whether a condition on the system and on Python's version holds."""
     code = compile(ast.Expression(test), "stub", "eval")
     known = {"platform": system, "version_info": sys.version_info}
-    return bool(eval(code, {"sys": type("sys", (), known), "TYPE_CHECKING": True}))
+    return bool(eval(code, {"sys": type("sys", (), known)}))  # noqa: S307
 
 
 def environment(system: str) -> dict[str, str]:

@@ -1,9 +1,9 @@
 """Make the package believe that it runs on Windows or macOS, in each Python process that finds this on PYTHONPATH.
 
-Modules and names that the system lacks are absent for modules of the package. The libraries that they use keep those of
-Linux, as they have their own code for each system. On Windows, too: a file that this process has open cannot be renamed,
-replaced or deleted; renaming replaces no file; nobody may make links; folders cannot be opened; an unnamed temporary
-file has a name. A text file must name its encoding.
+Modules and names that the system lacks are absent for modules of the package. The libraries that they use keep those
+of Linux, as they have their own code for each system. On Windows, too: a file that this process has open cannot be
+renamed, replaced or deleted; renaming replaces no file; nobody may make links; folders cannot be opened; an unnamed
+temporary file has a name. A text file must name its encoding.
 """
 
 from __future__ import annotations
@@ -59,10 +59,11 @@ def refusal(number: int, path: Any) -> OSError:
 
 
 def open_files() -> Iterator[os.stat_result]:
-    """Yield what this process has open: its descriptors, and the files that it has mapped."""
-    for each in os.listdir("/proc/self/fd"):
-        with suppress(OSError):
-            yield os.stat(f"/proc/self/fd/{each}")
+    """Yield what this process has open."""
+    with os.scandir("/proc/self/fd") as entries:
+        for each in entries:
+            with suppress(OSError):
+                yield os.stat(each)  # noqa: PTH116
 
 
 def check_closed(path: Any, folder: int | None = None) -> None:
@@ -71,7 +72,7 @@ def check_closed(path: Any, folder: int | None = None) -> None:
         own = os.stat(path, dir_fd=folder, follow_symlinks=False)
         inside = [own]
         for place, _, names in os.walk(path) if folder is None else ():
-            inside += [os.lstat(os.path.join(place, name)) for name in names]
+            inside += [os.lstat(f"{place}/{name}") for name in names]
         there = {(one.st_dev, one.st_ino) for one in open_files()}
         if any((one.st_dev, one.st_ino) in there for one in inside):
             raise refusal(errno.EACCES, path)
@@ -104,7 +105,7 @@ def no_link(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def open_no_folder(path: Any, *others: Any, **more: Any) -> int:
-    if os.path.isdir(path):
+    if os.path.isdir(path):  # noqa: PTH112
         raise refusal(errno.EACCES, path)
     return os.open(path, *others, **more)
 
@@ -164,6 +165,7 @@ def become(system: str, lacking: dict[str, list[str]], absent: list[str]) -> Non
             for name in names:
                 setattr(os, name, on_windows(getattr(os, name), targets, replaces))
         os.symlink = no_link(os.symlink)
+    warnings.filterwarnings("ignore", category=EncodingWarning)
     warnings.filterwarnings("error", category=EncodingWarning, module=PACKAGE)
     hide(system, lacking, absent)
 
