@@ -1,8 +1,9 @@
 """Live tibiofemoral contact from streamed gait.
 
 `load_model` returns a model, `solve` the answers to a recorded gait, `estimate_load` a load from sensors, `uncertainty`
-standard deviations of the answers, `sweep` the outcomes of many knees, `sensitivity` which parameters matter, and
-`calibrate` parameters fitted to measurements. None of them needs ROS; docs/how-to/python.md shows them.
+standard deviations of the answers, `sweep` the outcomes of many knees, `sensitivity` which parameters matter, `paired`
+differences between conditions, and `calibrate` parameters fitted to measurements. None of them needs ROS;
+docs/how-to/python.md shows them.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from typing import Any
 __path__ = extend_path(__path__, __name__)
 __version__ = "1.0.0"
 __all__ = [
+    "Gait",
     "Results",
     "UsageError",
     "calibrate",
     "estimate_load",
     "load_model",
+    "paired",
     "sensitivity",
     "solve",
     "sweep",
@@ -28,11 +31,13 @@ __all__ = [
 
 # `__init__.pyi` says the same to type checkers.
 _PLACES = {
+    "Gait": "offline.gait",
     "Results": "results",
     "UsageError": "system.errors",
     "calibrate": "lab.calibrate",
     "estimate_load": "offline.notebooks",
     "load_model": "offline.notebooks",
+    "paired": "lab.paired",
     "sensitivity": "lab.sensitivity",
     "solve": "offline.notebooks",
     "sweep": "lab.sweep",

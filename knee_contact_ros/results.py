@@ -103,6 +103,8 @@ class Results(Records):
 
     model: KneeModel | None = None
     """The model that computed the answers; parts of the answers keep it, but joined or stored answers do not"""
+    parameters: Mapping[str, Any] | None = None
+    """The parameters of the answers by dotted name, if they are known: those of `solve`"""
     lateral: Results | None = None
     """Answers of the lateral compartment, from `solve` if both are modelled; a slice does not keep them"""
 
@@ -133,6 +135,19 @@ class Results(Records):
             return self.model.readouts(self).view(Records)
         except ValueError as error:
             raise UsageError(str(error)) from None
+
+    @property
+    def ringing(self) -> Floats:
+        """How far each contact force rings [N], shape (n,), see `KneeModel.ringing`.
+
+        Raises:
+            UsageError: the model is not known.
+        """
+        if self.model is None:
+            raise UsageError(
+                "ringing: the model of these answers is not known; see the method of the model"
+            )
+        return self.model.ringing(self)
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
@@ -217,9 +232,10 @@ class Results(Records):
         return _figure_of(self)
 
     def __array_finalize__(self, whole: Any) -> None:
-        """Keep the model of the array that this one is part of."""
+        """Keep model and parameters of the array that this one is part of."""
         super().__array_finalize__(whole)
         self.model = getattr(whole, "model", None)
+        self.parameters = getattr(whole, "parameters", None)
 
     def __getitem__(self, index: Any) -> Any:
         is_time = isinstance(index, str) and index == TIME

@@ -48,8 +48,9 @@ In this model a lower contact force does not come from the arthritic knee. It co
 cartilage changes.
 
 **Load given**: the contact force balances the load, whatever the layers are made of: ∫ F dt = ∫ L dt + M Δẏ. Peaks are
-{forced[0]:.3f} to {forced[1]:.3f} of the healthy one; the higher ones ring, because the first layer has no
-damping. What changes is depth, pressure and time on the second layer.
+{forced[0]:.3f} to {forced[1]:.3f} of the healthy one, with the dashpot in both layers. As printed, the first layer is
+undamped, and the knee rings: peaks were then up to 1.05 of the healthy one. What changes
+is depth, pressure and time on the second layer.
 
 **Height given**: at rest the force drops if h < δ and K₂ / K₁ < (δ^1.5 - h^1.5) / (δ - h)^1.5, with δ the healthy
 knee's largest depth, {depths[0]:.3f} mm at share 0.5 and {depths[1]:.3f} mm at 0.8. For h = 0.5 mm and share 0.5 the

@@ -21,7 +21,7 @@ from knee_contact_ros.system.files import share_folder
 
 KNEES: dict[str, list[str]] = {
     "circle, Kelvin-Voigt (healthy)": ["healthy"],
-    "two layers, first one undamped (osteoarthritis)": ["osteoarthritis"],
+    "two layers, first one undamped (as printed)": ["osteoarthritis_as_printed"],
     "both compartments from MRI": ["healthy", "both_compartments"],
 }
 SMALL = {

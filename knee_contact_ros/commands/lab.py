@@ -471,8 +471,8 @@ def report(
     """Write a report: figures and tables that need no viewer.
 
     It writes one page (report.html, which needs no other file), figures (PNG) and data (CSV). A FILE is a recording of
-    this package, or a bag with the inputs, which is computed with --params. Several files stand side by side. It needs
-    the extra report.
+    this package, a bag with the inputs, which is computed with --params, or a subject file that names its bag. Several
+    files stand side by side. It needs the extra report.
     """
     require("report", "matplotlib", "jinja2", "pandas")
     from knee_contact_ros.bags.folder import others_beside
@@ -498,7 +498,12 @@ def report(
         output,
     ):
         say(str(path))
-    warn(sentence for path in files for sentence in others_beside(path))
+    warn(
+        sentence
+        for path in files
+        if path.suffix not in (".yaml", ".yml")
+        for sentence in others_beside(path)
+    )
 
 
 @click.command()

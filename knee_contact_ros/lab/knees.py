@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.lab.outcomes import OUTCOME_RECORD, outcomes_of
 from knee_contact_ros.lab.recordings import Recording
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
+from knee_contact_ros.model.ringing import LEAST_PART
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import ROW, Floats, Rows, Status
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
@@ -174,6 +175,15 @@ class Computed(NamedTuple):
     seconds: float
     """Mean time [s] of a case"""
 
+    @property
+    def ringing(self) -> float:
+        """Largest ringing [N] of a case that is large enough to be told; 0 if there is none."""
+        told = [
+            rows["ringing"][rows["ringing"] > LEAST_PART * rows["peak_force"]]
+            for rows in self.outcomes
+        ]
+        return float(np.concatenate(told).max(initial=0.0))
+
     def has(self, side: int) -> NDArray[np.bool_]:
         """Whether a case has answers of a compartment (0 or 1), shape (k,)."""
         known: NDArray[np.bool_] = np.isfinite(self.outcomes[side]["ticks"])
@@ -222,6 +232,8 @@ def compute(
         laws = [side.model.law for side in sides]
         patches = [side.model.patch for side in sides]
         rows = outcomes_of(answers, recording.steps, laws, patches)
+        for row, side, own in zip(rows, sides, answers, strict=True):
+            row["ringing"] = np.abs(side.model.ringing(own)).max()
         for (i, place, side), row, answer in zip(part, rows, answers, strict=True):
             found[place][i] = row
             if kept:

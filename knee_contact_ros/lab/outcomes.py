@@ -20,6 +20,7 @@ OUTCOMES = {
     "peak_pressure": "Pa",
     "peak_strain": "",
     "peak_loading_rate": "N/s",
+    "ringing": "N",
     "impulse": "N s",
     "contact_time": "s",
     "bone_time": "s",

@@ -89,7 +89,9 @@ def read_recording(
     steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
     if resolved_parameters(basis).drive != "displacement":
         height[:] = np.nan
-    doubts = tuple(filter(None, (*summary.warnings, summary.unanswered)))
+    rings = [side.ringing.sentence for side in (summary, summary.lateral) if side and side.ringing]
+    warnings = [sentence for sentence in summary.warnings if sentence not in rings]  # of each case
+    doubts = tuple(filter(None, (*warnings, summary.unanswered)))
     return Recording(
         stamps, steps, angles, axial, moment, height, tuple(summary.damage), doubts
     ), rows

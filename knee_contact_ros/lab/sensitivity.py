@@ -24,7 +24,8 @@ from knee_contact_ros.lab.study_file import Design, SpacedValues
 from knee_contact_ros.lab.sweep import Cohort, sweep
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
-from knee_contact_ros.parameters.files import ParameterSource, first_error
+from knee_contact_ros.parameters.files import ParameterSource
+from knee_contact_ros.parameters.sections import first_error
 from knee_contact_ros.results import missing_attribute
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS

@@ -21,6 +21,7 @@ from knee_contact_ros.lab.study_cases import (
     short_digest,
 )
 from knee_contact_ros.lab.study_file import Study
+from knee_contact_ros.model.ringing import ringing_sentence
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError
 from knee_contact_ros.system.processes import ignoring_interrupts
 from knee_contact_ros.system.progress import progress
@@ -167,7 +168,7 @@ def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") 
         UsageError: bag, parameters, folder or scheduler cannot be used.
         IncompleteError: a disk is full, or workers died repeatedly.
     """
-    computed = 0
+    computed, ringing = 0, 0.0
     failures = list[str]()
     used = set[str]()
     shards = ShardFolder(output)
@@ -188,9 +189,10 @@ def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") 
                     shards.write_file(name, result.table)
                     computed += len(block.keys)
                     failures += result.failures
+                    ringing = max(ringing, result.ringing)
                     doubts |= {f"bag {block.bag}: {doubt}": None for doubt in result.doubts}
                     advance(computed, study.number)
-    warn(doubts)
+    warn([*doubts, *([f"of some cases {ringing_sentence(ringing)}"] if ringing else [])])
     failures += [known[key] for key in used if known.get(key)]
     there = len(used) - computed
     same = study.number - len(used)

@@ -229,6 +229,8 @@ class BlockResult(NamedTuple):
     """Why cases have no outcome"""
     doubts: tuple[str, ...]
     """Doubts about the bag, a sentence each"""
+    ringing: float
+    """Largest ringing [N] of a contact force; 0 if there is none"""
 
 
 def compute_block(block: CaseBlock) -> BlockResult:
@@ -251,6 +253,7 @@ def compute_block(block: CaseBlock) -> BlockResult:
         _parquet(_series(block.keys, computed)) if block.series else b"",
         [*filter(None, computed.failed)],
         knees.recording.doubts,
+        computed.ringing,
     )
 
 

@@ -10,7 +10,9 @@ A study file (YAML) has
              to: 1.0e4, scale: log}}}
     series: true                                           # also keep all answers of every case
 
-Only `bags` is required. Cases are all combinations of bags, parameter files and varied values.
+    subjects: [s01.yaml, s02.yaml]                         # subject files, each with the bag that it names
+
+`bags` or `subjects` are required. Cases are all combinations of bags, parameter files and varied values.
 """
 
 from __future__ import annotations
@@ -37,9 +39,10 @@ from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import (
     check_value,
     dotted,
-    first_error,
     known_parameters,
 )
+from knee_contact_ros.parameters.sections import first_error
+from knee_contact_ros.parameters.subjects import Subject
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import read_mapping
 
@@ -150,7 +153,9 @@ class Study(StudySection):
         UsageError: something is given twice, a parameter is unknown, or a value is not allowed.
     """
 
-    bags: Annotated[list[str], Field(min_length=1)]
+    bags: list[str] = []
+    subjects: list[str] = []
+    """Subject files: each is computed with its own bag, and with the knees of `params` below its own values"""
     params: Annotated[list[str | list[str]], Field(min_length=1)] = ["healthy"]
     values: Annotated[
         dict[str, Any],
@@ -174,7 +179,11 @@ class Study(StudySection):
     def knees(self) -> list[tuple[str, tuple[str, ...]]]:
         """Each bag with each set of parameter files."""
         sets = [(one,) if isinstance(one, str) else tuple(one) for one in self.params]
-        return list(itertools.product(self.bags, sets))
+        people = [
+            (str(Subject(Path(path)).bag), (*one, path))
+            for path, one in itertools.product(self.subjects, sets)
+        ]
+        return [*itertools.product(self.bags, sets), *people]
 
     @property
     def number(self) -> int:
@@ -188,8 +197,26 @@ class Study(StudySection):
         for values, point in itertools.product(itertools.product(*self.grid.values()), points):
             yield dict(zip(self.names, (*values, *point), strict=True))
 
+    def _check_subjects(self) -> None:
+        """Check that there is a gait, that each subject names its own, and that its knee is not given twice.
+
+        Raises:
+            UsageError: something is missing, or given twice.
+        """
+        if not self.bags and not self.subjects:
+            raise UsageError("bags: is missing; a study needs bags, or subjects that name theirs")
+        for path in self.subjects:
+            content = Subject(Path(path)).content
+            if not content.bag:
+                raise UsageError(f"subject file {path}: bag: is missing; a study needs its gait")
+            if content.parameters and "params" in self.model_fields_set:
+                raise UsageError(
+                    f"subject file {path}: parameters: the study has params; name the knees in one of both"
+                )
+
     @model_validator(mode="after")
     def _check(self) -> Study:
+        self._check_subjects()
         if self.number > MAX_CASES:
             raise UsageError(f"{self.number} cases are not allowed; {MAX_CASES} at most")
         given = [*self.names, *self.values]

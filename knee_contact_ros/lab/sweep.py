@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from knee_contact_ros.bags.names import names_in_bag
 from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts
 from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_from_arrays
+from knee_contact_ros.model.ringing import ringing_sentence
 from knee_contact_ros.offline.bag_parameters import parameters_for
 from knee_contact_ros.offline.notebooks import Name, in_python_words, remap_rules, warn_of
 from knee_contact_ros.parameters.files import (
@@ -143,6 +145,8 @@ def sweep(
             warn_of(bag.path, "solved", [*doubts, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     computed = compute(knees, cases, series=series, threads=threads)
+    if computed.ringing:
+        warnings.warn(f"of some cases {ringing_sentence(computed.ringing)}", stacklevel=2)
     medial, lateral = (rows.view(Records) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     both = computed.has(1).any()

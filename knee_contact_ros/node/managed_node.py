@@ -6,12 +6,14 @@ The transition configure reads the parameters and opens the outputs, activate op
 
 from __future__ import annotations
 
+import json
 import signal
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import rclpy
@@ -23,13 +25,19 @@ from rclpy.signals import SignalHandlerOptions
 from knee_contact_ros.node.parameters import QOS_PREFIX, NodeKind, NodeParameters, given_by_user
 from knee_contact_ros.node.problems import at_most_every
 from knee_contact_ros.node.session import Session
-from knee_contact_ros.parameters.files import check_file, check_used
+from knee_contact_ros.parameters.files import check_file, check_used, is_subject, sections_in
 from knee_contact_ros.streams.topics import INPUTS
 from knee_contact_ros.streams.watch import unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, join_faults, suggest
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, resolve_topic
-from knee_contact_ros.system.ros_files import read_sections
+from knee_contact_ros.system.ros_files import (
+    PARAMETERS_KEY,
+    Sections,
+    merge_sections,
+    read_sections,
+    values_for,
+)
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
@@ -43,8 +51,14 @@ ServiceCallback = Callable[[Any, Any], Any]
 class ManagedNode(LifecycleNode):
     """Managed node with its life cycle. Its `Session` does the work while it is configured."""
 
-    def __init__(self, kind: NodeKind, stop: Stop) -> None:
-        """Read and check the parameters.
+    def __init__(
+        self,
+        kind: NodeKind,
+        stop: Stop,
+        beside: Sequence[ManagedNode] = (),
+        files: Sequence[Path] = (),
+    ) -> None:
+        """Read and check the parameters, also those that `files` and the node `beside` this one give for both.
 
         Raises:
             UsageError: a parameter is unknown or not allowed.
@@ -55,7 +69,14 @@ class ManagedNode(LifecycleNode):
             allow_undeclared_parameters=True,
             automatically_declare_parameters_from_overrides=True,
         )
-        self.node_parameters = NodeParameters(self, kind)
+        sections: Sections = {}
+        for path in files:
+            merge_sections(sections, read_sections(path))
+        companion = f"{self.get_namespace().rstrip('/')}/{kind.schema.companion}"
+        companions = values_for(sections, companion)
+        for node in beside:
+            companions |= node.node_parameters.given
+        self.node_parameters: NodeParameters = NodeParameters(self, kind, companions)
         self.kind = kind
         self.session: Session | None = None
         self.complete = True
@@ -110,6 +131,8 @@ class ManagedNode(LifecycleNode):
             self.session = self.kind.session(
                 self, self.node_parameters.read_parameters(), given_by_user(self)
             )
+            if unset := self.node_parameters.unset_person():
+                self.get_logger().info(unset)
             self.session.prepare(self._stop.interrupting)
             self.node_parameters.user = self.session
         except BaseException:
@@ -207,15 +230,31 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         raise UsageError(
             f"{arguments[0]}: the node takes ROS arguments only, after {ROS_ARGUMENTS}"
         )
-    flagged = pairwise(["", *arguments])  # ROS knows no short names
-    arguments = [
-        str(parameter_file(word)) if flag == "--params-file" else word for flag, word in flagged
-    ]
-    for flag, path in pairwise(arguments):
-        if flag == "--params-file":
-            for kind in kinds:
-                with of_node(kind, kinds):
-                    check_file(Path(path), kind.schema)
+    with TemporaryDirectory(prefix="knee_contact_subject_") as folder:
+        return _run_nodes([*_for_ros(arguments, Path(folder))], kinds)
+
+
+def _for_ros(arguments: Sequence[str], folder: Path) -> Iterator[str]:
+    """Yield ROS arguments with the places of parameter files; subject files are written as such into a folder."""
+    for number, (flag, word) in enumerate(pairwise(["", *arguments])):
+        if flag != "--params-file":
+            yield word
+            continue
+        path = parameter_file(word)  # ROS knows no short names
+        if path.is_file() and is_subject(read_sections(path)):
+            nodes = {name: {PARAMETERS_KEY: values} for name, values in sections_in(path).items()}
+            path = folder / f"{number}.yaml"
+            path.write_text(json.dumps(nodes))  # JSON is YAML
+        yield str(path)
+
+
+def _run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
+    """Do what `run_nodes` does, with arguments that ROS understands."""
+    files = [Path(word) for flag, word in pairwise(arguments) if flag == "--params-file"]
+    for path in files:
+        for kind in kinds:
+            with of_node(kind, kinds):
+                check_file(path, kind.schema)
     try:
         rclpy.init(
             args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -229,7 +268,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         with one_line_ros_errors():
             for kind in kinds:
                 with of_node(kind, kinds):
-                    nodes.append(ManagedNode(kind, stop))
+                    nodes.append(ManagedNode(kind, stop, nodes, files))
         check_names(nodes)
         check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
         start_nodes([node for node in nodes if node.node_parameters.read_parameters().autostart])
@@ -293,7 +332,7 @@ def check_targets(arguments: Sequence[str], nodes: Sequence[str]) -> None:
     for flag, word in pairwise(arguments):
         target, colon, _ = word.partition(":=")[0].partition(":")
         if flag == "--params-file":
-            check_used(read_sections(Path(word)), word, nodes)
+            check_used(sections_in(Path(word)), word, nodes)
         elif flag in ("-p", "--param") and colon:
             hints = [
                 f"; in a namespace, use a file with {node}"

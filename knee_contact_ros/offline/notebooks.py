@@ -22,7 +22,6 @@ from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_parameters import (
-    Subject,
     basis_of,
     file_contents,
     resolved_parameters,
@@ -30,14 +29,21 @@ from knee_contact_ros.offline.bag_parameters import (
 )
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
 from knee_contact_ros.offline.estimate_load import load_parameters_for
+from knee_contact_ros.offline.gait import Gait
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import ParameterSource, dotted, load_parameters
+from knee_contact_ros.parameters.files import (
+    ParameterSource,
+    dotted,
+    flat_parameters,
+    load_parameters,
+)
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.results import Records, Results
+from knee_contact_ros.parameters.subjects import Subject
+from knee_contact_ros.results import Records
 from knee_contact_ros.streams.compartments import compartments_of
 from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.streams.watch import parameter_doubts
@@ -88,7 +94,7 @@ def load_model(
     """
     parameters = load_parameters(source)
     plain = build_model(parameters, curves=curve_texts(parameters, curves))
-    model = replace(plain, compiled=compiled, results=Results)
+    model = replace(plain, compiled=compiled, results=Gait)
     for doubt in parameter_doubts(parameters, model):
         warnings.warn(doubt, stacklevel=2)
     return model
@@ -105,7 +111,7 @@ def solve(
     remap: Mapping[str, str] | None = None,
     namespace: str = "",
     compiled: bool | None = None,
-) -> Results:
+) -> Gait:
     """Compute a recorded gait with the same bits as `knee-contact solve`. Needs no ROS.
 
     With `load.compartment: both`, the results are those of the medial compartment, and their attribute `lateral` has
@@ -151,7 +157,7 @@ def answers_of(
     output: Path | None = None,
     overwrite: bool = False,
     compiled: bool | None = None,
-) -> tuple[Results, Summary]:
+) -> tuple[Gait, Summary]:
     """Compute a bag as `knee-contact solve` does; return the answers with their models, and the summary."""
     blocks: list[AnswerBlock] = []
     with progress("Solving") as advance:
@@ -165,6 +171,7 @@ def answers_of(
         medial.lateral = lateral[0]
     for results, model in zip((medial, *lateral), _models(basis), strict=False):
         results.model = model
+        results.parameters = flat_parameters(resolved_parameters(basis))
     return medial, summary
 
 
@@ -230,12 +237,12 @@ def check_mappings(values: object, remap: object) -> None:
             raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
 
 
-def _joined(blocks: Sequence[Rows]) -> Results:
+def _joined(blocks: Sequence[Rows]) -> Gait:
     """Join blocks of answers to one array."""
     whole = bytearray().join(
         rows.tobytes() for rows in blocks
     )  # NumPy would not copy what is between the fields
-    return np.frombuffer(whole, ROW).view(Results)
+    return np.frombuffer(whole, ROW).view(Gait)
 
 
 @contextmanager
@@ -286,7 +293,7 @@ def estimate_load(
         >>> from knee_contact_ros import estimate_load
         >>> loads = estimate_load("bags/gait2354_right_sensors", "load/gait2354")
         >>> print(len(loads), f"{loads['axial_force'].max():.0f} N")
-        387 1583 N
+        387 1595 N
     """
     path = expand_user(str(bag))
     with in_python_words():

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.bag import Bag, opened_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.types import Fidelity, Rows, Status
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
@@ -59,6 +60,8 @@ class Summary:
     """Body weight [N], the unit of reported forces"""
     doubts: Doubts = field(default_factory=Doubts)
     """Doubts about parameters and answers"""
+    ringing: Ringing | None = field(default=None, compare=False)
+    """Ringing of the contact force; None: not known"""
     ticks: int = 0
     """Number of ticks"""
     runs: int = 1
@@ -73,6 +76,8 @@ class Summary:
     """Number of refused samples by reason"""
     unanswered: str = ""
     """Sentence that many forces have no answer, and why; empty otherwise"""
+    differing: str = ""
+    """Sentence that the bag holds other answers than those that were computed; empty if it does not"""
     publishers: list[str] = field(default_factory=list)
     """Sentences about publishers of one input that disagree"""
     damage: list[str] = field(default_factory=list)
@@ -138,6 +143,8 @@ class Summary:
             if name not in self.peaks or largest[name] > getattr(self.peaks[name], name):
                 self.peaks[name] = Moment.of(largest, self.runs)
         self.doubts.add_answers(answers)
+        if self.ringing:
+            self.ringing.add_answers(answers)
         self._find_peaks(answers)
         self.ticks_flagged += int(np.count_nonzero(status))
         for bit in Status:
@@ -182,9 +189,10 @@ class Summary:
 
     @property
     def sentences(self) -> list[str]:
-        """Doubts about parameters and answers of either compartment, as sentences."""
-        lateral = self.lateral.doubts.sentences if self.lateral else []
-        return list(dict.fromkeys((*self.doubts.sentences, *lateral)))
+        """Doubts about parameters and answers of either compartment, and their ringing, as sentences."""
+        lateral = self.lateral.sentences if self.lateral else []
+        own = self.ringing.sentence if self.ringing else ""
+        return list(dict.fromkeys(filter(None, (*self.doubts.sentences, own, *lateral))))
 
     @property
     def warnings(self) -> list[str]:
@@ -193,18 +201,24 @@ class Summary:
         return [
             *resets,
             *self.publishers,
+            *([self.differing] if self.differing else []),
             *self.sentences,
             *([self.split.problem] if self.split and self.split.problem else []),
         ]
 
-    def missing_parts(self, bag: Path) -> str:
-        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
+    def missing_parts(self, bag: Path, is_given: bool = True) -> str:
+        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not.
+
+        Likewise if it holds other answers, and the user has not given the parameters (`is_given`).
+        """
         damage = (
             f" is damaged, and solved as far as it can be read: {join_faults(self.damage)}"
             if self.damage
             else ""
         )
         unanswered = f": {self.unanswered}" if self.unanswered else ""
+        if not damage and not unanswered and self.differing and not is_given:
+            return f"bag {bag}: its answers are others, as said above"
         return f"bag {bag}{damage}{unanswered}" if damage or unanswered else ""
 
 

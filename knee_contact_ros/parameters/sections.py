@@ -6,11 +6,18 @@ A parameter is an attribute of a section: its type, default and limits, and belo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+)
 from pydantic.fields import FieldInfo
 
 from knee_contact_ros.parameters.sources import (
@@ -115,6 +122,15 @@ class NodeSection(Section):
     """Name of the parameter for the source of the forces"""
     usual_forces: ClassVar[str]
     """Its default: the name of the usual topic"""
+
+    companion: ClassVar[str]
+    """Name of the node that is about the same person and knee"""
+    other_names: ClassVar[Mapping[str, tuple[str, float]]]
+    """Own name, and factor, by the name that the companion has for the same thing"""
+    encoder: ClassVar[tuple[str, ...]]
+    """Names of the parameters of the knee's encoder"""
+    about_person: ClassVar[Mapping[str, str]]
+    """Unit by the name of each parameter that says who the person is"""
 
     def problem(self) -> str:
         """Return the first combination of values that is not allowed, as name and reason; empty if there is none."""
@@ -262,3 +278,24 @@ class RecordSection(Section):
     """largest number of answers that wait for the process of this output"""
     queue_size: float = Field(100.0, ge=1.0, le=1e5)
     """[MB] largest memory of waiting answers"""
+
+
+LONGEST_VALUE = 80
+"""Largest number of characters of a value that an error shows"""
+
+
+def first_error(error: ValidationError) -> str:
+    """Return the first error of a validation in one line: name, value, and what is allowed."""
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    if first["type"] == "missing":
+        return f"{name}: is missing"
+    if first["type"] == "extra_forbidden":
+        return f"{name}: is not known"
+    return f"{name}: {shortened(repr(first['input']))} is not allowed; {reason}"
+
+
+def shortened(text: str) -> str:
+    """Cut a text to the length that an error can show."""
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -93,6 +94,9 @@ class Stride(NamedTuple):
     """Whether no answer of the stride has a bit of `UNUSABLE`"""
     sliding_distance: float
     """Distance [m] that the femur slides along the tibia, forward and backward, while in contact; NaN: not recorded"""
+    ringing: float = math.nan
+    """How far the contact force rings [N], under a law that is hardly damped: `peak_force` and `loading_rate` contain
+    it. NaN: not known"""
 
 
 def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
@@ -232,6 +236,7 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
         cut(stamps, values, span.start, end) for end in (span.end, span.toe_off)
     )
     within = slice(*np.searchsorted(stamps, (span.start, span.end)))
+    rings = isinstance(rows, Mapping) and "ringing" in rows
     return Stride(
         span,
         float(whole[:, 0].max()),
@@ -241,7 +246,14 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
         loading_rate(stance_time, stance[:, 0]),
         not (rows["status"][within].astype(int) & UNUSABLE).any(),
         sliding_distance(time, *whole.T[2:]),
+        largest_within(span, stamps, rows["ringing"]) if rings else math.nan,
     )
+
+
+def largest_within(span: Span, stamps: Stamps, values: NDArray[Any]) -> float:
+    """Largest magnitude of values at stamps [ns], both of shape (n,), in a stride."""
+    within = slice(*np.searchsorted(stamps, (span.start, span.end)))
+    return float(np.abs(values[within]).max())
 
 
 def strides_of(series: Rows, body_weight: float) -> list[Stride]:
@@ -262,4 +274,9 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
         1.23 s, 1557 N
     """
     strides = Strides(body_weight)
-    return strides.add_answers(np.asarray(series)) + strides.finish_strides()
+    found = strides.add_answers(np.asarray(series)) + strides.finish_strides()
+    model = getattr(series, "model", None)
+    if model is None:
+        return found
+    stamps, ringing = np.asarray(series["stamp"]), model.ringing(series)
+    return [each._replace(ringing=largest_within(each.span, stamps, ringing)) for each in found]

@@ -98,8 +98,8 @@ def _content(event: Any, more: Iterator[Any]) -> Any:
     return mapping
 
 
-def read_sections(path: Path, known: Sections | None = None) -> Sections:
-    """Read the sections of a parameter file, after those `known` from earlier files; without node names: `/**`.
+def read_sections(path: Path) -> Sections:
+    """Read the sections of a parameter file; without node names: `/**`.
 
     Raises:
         UsageError: it cannot be read, or is not a parameter file.
@@ -116,15 +116,18 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
             add_sections(own, content)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from None
-    sections = {} if known is None else known
-    for node, values in own.items():
+    return own
+
+
+def merge_sections(sections: Sections, later: Sections) -> None:
+    """Add the sections of a later file to those of earlier ones, as ROS 2 does."""
+    for node, values in later.items():
         before = sections.setdefault(node, {})
         before |= {
             name: value
             for name, value in values.items()
             if _rank(value) <= _rank(before.get(name))
         }
-    return sections
 
 
 def parse_documents(text: str) -> list[Any]:

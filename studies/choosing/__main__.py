@@ -146,15 +146,15 @@ def changes() -> list[Change]:
         ),
         Change(
             "layer depth − 20 %",
-            "of the 0.5 mm of osteoarthritis.yaml",
+            "of the 0.5 mm of osteoarthritis_as_printed.yaml",
             {"contact.layer_depth": 0.8 * layer},
-            base="osteoarthritis",
+            base="osteoarthritis_as_printed",
         ),
         Change(
             "layer depth + 20 %",
             "the same",
             {"contact.layer_depth": 1.2 * layer},
-            base="osteoarthritis",
+            base="osteoarthritis_as_printed",
         ),
     ]
 

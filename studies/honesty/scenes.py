@@ -21,7 +21,7 @@ DEEP = 5e-4
 KNEE = {"stiffness": 7.905694e7, "exponent": 1.5, "damping": 5000.0}
 LAYERS = {"layer_depth": 5e-4, "stiffness_2": 3.112e9}
 FEMUR = 9.3014
-"""Mass of the femur [kg]; the constants are those of config/healthy.yaml and config/osteoarthritis.yaml"""
+"""Mass of the femur [kg]; the constants are those of config/healthy.yaml and config/osteoarthritis_as_printed.yaml"""
 
 
 class Scene(NamedTuple):

@@ -18,7 +18,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 
 CONFIG = Path(__file__).parents[2] / "config"
-HEALTHY, ARTHRITIC, MRI = "healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml"
+HEALTHY, ARTHRITIC, MRI = "healthy.yaml", "osteoarthritis_as_printed.yaml", "mri_femur.yaml"
 SPHERE_AND_CURVE = {"sphere": (HEALTHY,), "fitted curve": (HEALTHY, MRI)}
 TOLERANCE = 1e-9
 """Tolerance of the depth [m]: the numbers are the model's, not the solver's"""

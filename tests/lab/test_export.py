@@ -24,6 +24,7 @@ WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2"]
 KNEES = {
     "healthy": ["healthy"],
     "osteoarthritis": ["osteoarthritis"],
+    "as_printed": ["osteoarthritis_as_printed"],
     "mri_knee": ["healthy", "mri_knee"],
     "gonthier": ["healthy", {"contact.law": "gonthier"}],
 }

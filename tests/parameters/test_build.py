@@ -17,14 +17,16 @@ from pydantic import ValidationError
 import knee_contact_ros
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.study_file import Study
 from knee_contact_ros.model.knee import BUDGET, KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer, Range
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.offline.bag_parameters import Subject
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import ContactSection, with_constants_of_laws
+from knee_contact_ros.parameters.subjects import Subject
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from tests.offline.test_solve import make_bag
@@ -171,12 +173,12 @@ def subject(folder: Path, text: str) -> Path:
 
 
 def test_the_generic_model_is_the_papers(tmp_path: Path) -> None:
-    parameters = load_parameters(Subject(subject(tmp_path, "mass: 75.16\n")).sources())
+    parameters = load_parameters(subject(tmp_path, "mass: 75.16\n"))
     assert parameters.body_weight == pytest.approx(
         737.068, abs=5e-4
     )  # as the parameter files round it
     assert parameters.femur.mass == pytest.approx(9.3014, rel=1e-12)
-    scaled = load_parameters(Subject(subject(tmp_path, "mass: 72.6\n")).sources())
+    scaled = load_parameters(subject(tmp_path, "mass: 72.6\n"))
     assert scaled.femur.mass == pytest.approx(
         8.984, abs=1e-3
     )  # OpenSim's own scaling of this model
@@ -198,7 +200,7 @@ bag: gait
 """
     found = Subject(subject(tmp_path, text))
     (tmp_path / "gait").mkdir()
-    parameters = load_parameters(found.sources())
+    parameters = load_parameters(found.path)
     assert found.bag == tmp_path / "gait"
     assert parameters.contact.law == "two_layer_viscoelastic"
     assert parameters.contact.layer_depth == 0.0004
@@ -225,7 +227,7 @@ bag: gait
 )
 def test_what_is_not_allowed_is_one_line(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(UsageError) as caught:
-        Subject(subject(tmp_path, text)).sources()
+        load_parameters(Subject(subject(tmp_path, text)).path)
     assert words in str(caught.value)
 
 
@@ -249,6 +251,56 @@ def test_solve_takes_a_subject_and_reports_what_is_missing(
     assert "no BAG: give a BAG, or a --subject file that names one" in capsys.readouterr().err
     assert main(["solve", "--subject", "none.yaml", "--output", str(tmp_path / "a.mcap")]) == 2
     assert "none.yaml: cannot read the subject file" in capsys.readouterr().err
+
+
+def test_a_subject_file_gives_every_door_the_same_knee(
+    right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The model, `solve`, a study, estimates of loads; `tests/ros/test_node.py` starts the node with one."""
+    path = subject(
+        tmp_path,
+        f"mass: 72.6\nthickness: 0.0004\nparameters: [osteoarthritis]\nbag: {right_bag}\n",
+    )
+    gait = knee_contact_ros.solve(subject=path)
+    depth = gait.penetration_depth.max()
+    assert depth < 0.5e-3
+    assert knee_contact_ros.solve(right_bag, str(path)).tobytes() == gait.tobytes()
+    knee = knee_contact_ros.load_model(path)
+    assert knee.run(gait.time, gait.flexion_angle, gait.load).penetration_depth.max() == depth
+    assert knee_contact_ros.sweep(
+        right_bag, {"load.share": [0.5]}, path
+    ).outcomes.peak_depth.tolist() == [depth]
+    study = Study(subjects=[str(path)])
+    assert study.knees == [(str(right_bag), ("healthy", str(path)))]
+    assert load_parameters(path, LoadParameters).person.mass == 72.6
+    monkeypatch.chdir(tmp_path)
+    assert load_parameters("subject") == load_parameters(path)
+    # Named knees of a study, or of a later file, come to a subject that names none.
+    alone = subject(tmp_path, "mass: 72.6\n")
+    worn = load_parameters([alone, "osteoarthritis"])
+    assert worn == load_parameters(["osteoarthritis", alone])
+    assert worn.contact.layer_depth == 0.5e-3
+    assert worn.femur.mass == pytest.approx(8.984, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "study", "words"),
+    [
+        ("mass: 70\n", {}, "bag: is missing; a study needs its gait"),
+        (
+            "mass: 70\nbag: x\nparameters: [healthy]\n",
+            {"params": ["healthy"]},
+            "name the knees in one of both",
+        ),
+    ],
+)
+def test_a_study_says_what_a_subject_file_lacks(
+    tmp_path: Path, text: str, study: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        Study(subjects=[str(subject(tmp_path, text))], **study)
+    with pytest.raises(UsageError, match="needs bags, or subjects"):
+        Study()
 
 
 TYPED = {"contact.stiffness": 2500.0}

@@ -14,7 +14,7 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
 from knee_contact_ros.system.errors import UsageError  # noqa: E402
-from knee_contact_ros.system.ros_files import Sections, read_sections, values_for  # noqa: E402
+from knee_contact_ros.system.ros_files import Sections, merge_sections, read_sections, values_for  # noqa: E402
 
 NODES = (
     "/**",
@@ -166,7 +166,7 @@ def by_us(files: list[Path], namespace: str) -> dict[str, Any] | None:
     sections: Sections = {}
     try:
         for file in files:
-            read_sections(file, sections)
+            merge_sections(sections, read_sections(file))
     except UsageError as error:
         return {"twice": ...} if "is given twice" in str(error) else None
     return values_for(sections, f"{namespace}/knee_contact")

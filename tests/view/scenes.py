@@ -24,7 +24,7 @@ from tests.helpers.bags import raw_messages
 WEIGHT = 737.068
 SHIPPED = [
     [law, *surface]
-    for law in ("healthy.yaml", "osteoarthritis.yaml")
+    for law in ("healthy.yaml", "osteoarthritis_as_printed.yaml")
     for surface in ([], ["mri_femur.yaml"], ["mri_knee.yaml"])
 ]
 """Parameter files of all shipped knees"""

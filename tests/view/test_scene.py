@@ -239,7 +239,7 @@ def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
     rows = answered(stream, right_bag, 150).copy()
     rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)
     path = written(tmp_path / "knee.rrd", drawing, [rows], latency=True)
-    with_bone, moving = "osteoarthritis.yaml" in files, len(files) > 1
+    with_bone, moving = "osteoarthritis_as_printed.yaml" in files, len(files) > 1
     plots = plots_of(drawing, latency=True)
     assert ("contact_point" in [plot.path for plot in plots]) == moving
     assert (
@@ -382,7 +382,7 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
     profiles = [
         {"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")
     ]
-    models = [load_model([config / "mri_femur.yaml", profile]) for profile in profiles]
+    models = [load_model(["mri_femur", profile]) for profile in profiles]
 
     def sizes(drawing: KneeOutlines) -> tuple[float, float]:
         """Widths of the femur's shaft and of the tibia [m]."""

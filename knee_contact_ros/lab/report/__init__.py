@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from knee_contact_ros import __version__
+from knee_contact_ros.lab.paired import paired
 from knee_contact_ros.lab.report import figures
 from knee_contact_ros.lab.report.figures import MICRO
 from knee_contact_ros.lab.report.gathered import (
@@ -33,6 +34,7 @@ from knee_contact_ros.lab.report.runs import (
 from knee_contact_ros.lab.uncertainty import DEFAULT_LEVEL, Propagated
 from knee_contact_ros.model.types import MM, ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.strides import RISE_TIME
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import install_command
@@ -167,6 +169,7 @@ def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
         drawn=drawn,
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([_cycle_summary(run) for run in cyclic], cyclic),
+        paired=_paired_differences(found),
         still=bool(cyclic) and not figures.moves(cyclic),
         uncertain=[
             (run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)
@@ -227,7 +230,8 @@ def _peak_table(found: Sequence[ReportRun]) -> PageTable:
             group = run.gathered.peaks[run.gathered.peaks["peak"] == which]
             mark = _implausible(group["status"].to_numpy(int))
             for column, name, digits in _PEAK_QUANTITIES:
-                cells.append((f"{which} peak: {name}", _spread(group[column], digits) + mark))
+                text = _spread(group[column], digits) + mark + _rings(run, name)
+                cells.append((f"{which} peak: {name}", text))
         columns.append(cells)
         gathered = run.gathered
         stamp = int(gathered.columns["stamp"][gathered.largest])
@@ -250,7 +254,7 @@ def _largest_values(run: ReportRun) -> list[tuple[str, str]]:
         text += _implausible(run.gathered.columns["status"][at])
         if column == "load_BW" and run.prescribed:
             text = NO_VALUE
-        cells.append((f"largest {name}", text))
+        cells.append((f"largest {name}", text + _rings(run, name)))
     return cells
 
 
@@ -267,8 +271,44 @@ def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:
         values = strides[key] / (run.weight if "[BW" in name else 1.0)
         if name.startswith("bone") and not run.has_bone:
             values = values[:0]
-        rows.append((name, _spread(values, digits)))
+        rows.append((name, _spread(values, digits) + _rings(run, name)))
     return rows
+
+
+def _paired_differences(found: Sequence[ReportRun]) -> PageTable:
+    """Compare each comparison with its run, stride by stride: mean difference, 95 % interval, and ringing."""
+    compared = [(found[run.beside], run) for run in found if run.beside is not None]
+    columns = []
+    for base, run in compared:
+        if len(base.gathered.strides) < 2:
+            continue
+        table = paired(base.gathered.strides, run.gathered.strides)
+        cells = []
+        for name, key, digits in _CYCLE_ROWS[2:]:  # duration and stance are those of the inputs
+            one = table.loc[key] / (run.weight if "[BW" in name else 1.0)
+            known = np.isfinite(one["difference"]) and (
+                run.has_bone or not name.startswith("bone")
+            )
+            text = f"{one['difference']:+{digits}} ({one['low']:+{digits}} to {one['high']:+{digits}})"
+            cells.append(
+                (name, text + (_rings(run, name) or _rings(base, name)) if known else NO_VALUE)
+            )
+        columns.append((run, cells))
+    note = (
+        "Comparison minus recording, mean of the strides with its 95 % interval (Student's). An interval that "
+        "contains 0 shows no difference."
+    )
+    return _side_by_side([cells for _, cells in columns], [run for run, _ in columns], note)
+
+
+def _rings(run: ReportRun, name: str) -> str:
+    """Return the mark of a largest force or loading rate that contains ringing, with how much at most, else nothing."""
+    if not (run.ringing and run.ringing.is_told):
+        return ""
+    largest = run.ringing.largest / run.weight
+    if name == "loading rate [BW/s]":
+        return f" (rings: ± {2.0 * largest / RISE_TIME:.1f})"
+    return f" (rings: ± {largest:.2f})" if name.endswith("contact force [BW]") else ""
 
 
 def summary(run: ReportRun) -> dict[str, str]:

@@ -116,6 +116,7 @@ STRIDE_COLUMNS = (
     "impulse_N_s",
     "stance_impulse_N_s",
     "loading_rate_N_per_s",
+    "ringing_N",
     "bone_contact_s",
     "lifted_off_s",
     "largest_patch_half_width_mm",
@@ -135,8 +136,8 @@ class Gathered:
         """Gather them from answers.
 
         Args:
-            columns: fields of the answers, shape (n,), n >= 1 each: `ANSWER_FIELDS`, and `READOUTS_OF_LAW` where
-                the model is known.
+            columns: fields of the answers, shape (n,), n >= 1 each: `ANSWER_FIELDS`, and where the model is known
+                `READOUTS_OF_LAW` and the force's `ringing` [N].
             body_weight: body weight [N].
             doubts: doubts about the run's parameters, to which those about its answers are added.
         """
@@ -280,6 +281,7 @@ def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, A
         stride.impulse,
         stride.stance_impulse,
         stride.loading_rate,
+        stride.ringing,
         bone,
         apart,
         MM * largest["half_width"],

@@ -28,6 +28,7 @@ from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, Gathered
 from knee_contact_ros.lab.uncertainty import Propagated, read_uncertain_gait
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.bag_parameters import (
     file_contents,
@@ -35,11 +36,13 @@ from knee_contact_ros.offline.bag_parameters import (
     resolved_parameters,
     weight_doubt,
 )
+from knee_contact_ros.offline.held_answers import doubt_of
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
 from knee_contact_ros.parameters.schema import Parameters, constants_of
+from knee_contact_ros.parameters.subjects import Subject
 from knee_contact_ros.streams.compartments import compartment_of_topic
 from knee_contact_ros.streams.topics import (
     KNEE,
@@ -53,12 +56,15 @@ from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import check_distinct, parameter_file
 from knee_contact_ros.system.progress import Bar
+from knee_contact_ros.system.terminal import warn
 
 GivenParameters = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""
 _COMPUTED = f"Computed for this report by knee_contact_ros {__version__}"
 _LAW_SECTION = "contact."
 """Beginning of the names of parameters that a comparison changes"""
+_YAML = (".yaml", ".yml")
+"""Endings of the names of subject files"""
 NO_VALUE = "–"
 """Text for a constant that a law does not have"""
 
@@ -67,7 +73,7 @@ class ReportOptions(NamedTuple):
     """Options of the command `report`."""
 
     files: Sequence[Path]
-    """Recordings and bags"""
+    """Recordings, bags, and subject files that name their bag"""
     labels: Sequence[str]
     """Names of the files, one each; empty: they are named by their file names"""
     parameters: Sequence[GivenParameters]
@@ -185,6 +191,8 @@ class ReportRun(NamedTuple):
     """Whether the parameters are the recording's own rather than assumed"""
     kept: Sequence[str] = ()
     """Parameters that a comparison takes from its run although its files set other values, as texts"""
+    ringing: Ringing | None = None
+    """Ringing of the contact force; None: not known"""
     uncertain: Propagated | None = None
     """Uncertainty of depth and force, if requested"""
 
@@ -211,10 +219,17 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[ReportRun]:
         UsageError: a file or its parameters cannot be used.
     """
     compared = comparison_values(options.compare) if options.compare else {}
-    stems = list(options.labels) or [path.stem for path in options.files]
+    people = {path: Subject(path) for path in options.files if path.suffix in _YAML}
+    stems = list(options.labels) or [
+        (people[path].content.name if path in people else "") or path.stem
+        for path in options.files
+    ]
     runs: list[ReportRun] = []
     with ExitStack() as opened:
-        bags = {path: opened.enter_context(Bag(path)) for path in options.files}
+        bags = {
+            path: opened.enter_context(Bag(_gait_of(people[path]) if path in people else path))
+            for path in options.files
+        }
         topics = {path: answer_topics(bag) for path, bag in bags.items()}
         stored = {
             path: _provenance(bag, options) if topics[path] else None for path, bag in bags.items()
@@ -228,13 +243,31 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[ReportRun]:
             if stems.count(stem) > 1:
                 label = f"{stem} ({stems[: number + 1].count(stem)})"
             bag = bags[path]
-            assumed = parameters_for(bag, options.parameters)
-            source = _Source(bag, label, topics[path], stored[path], assumed, options, work, bar)
+            own = [path] if path in people else []
+            parameters = [*options.parameters, *own]
+            assumed = parameters_for(bag, parameters)
+            if own and stored[path]:
+                raise UsageError(
+                    f"subject file {path}: bag {bag.path} is a recording with its own parameters; give it as a FILE"
+                )
+            whole = options._replace(parameters=parameters)
+            source = _Source(bag, label, topics[path], stored[path], assumed, whole, work, bar)
             for run, comparison in source.read_runs(compared):
                 runs.append(run)
                 if comparison:
                     runs.append(comparison._replace(beside=len(runs) - 1))
     return runs
+
+
+def _gait_of(person: Subject) -> Path:
+    """Return the bag that a subject file names.
+
+    Raises:
+        UsageError: it names none.
+    """
+    if person.bag is None:
+        raise UsageError(f"subject file {person.path}: bag: is missing; a report needs the gait")
+    return person.bag
 
 
 class _Source(NamedTuple):
@@ -305,8 +338,16 @@ class _Source(NamedTuple):
         else:
             given = _source_names(self.options.parameters)
             origin = f"Recorded without its parameters; {given} is taken for body weight and law."
+            if doubt := self._doubt(topics[0]):
+                warn([doubt])
+                origin += f" {doubt}."
         runs = [_read_run(self.bag, topic, self._basis, self.bar) for topic in topics]
         return [run._replace(origin=origin) for run in runs]
+
+    def _doubt(self, topic: str) -> str:
+        """Sentence that the parameters are not those of the recorded answers."""
+        own, texts = compartment_of_topic(topic, self.assumed, file_contents(self.assumed))
+        return doubt_of(self.bag, topic, build_model(own, curves=texts))
 
     def _solved_runs(self, names: Names) -> list[ReportRun]:
         """Solve a bag."""
@@ -376,13 +417,17 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
         model = build_model(own, curves=texts)
     except UsageError:  # a file that the parameters name is missing
         own, _ = compartment_of_topic(topic, resolved_parameters(basis), {})
-    doubts = doubts_about(own, model) if model else Doubts()
+    doubts = doubts_about(own, model, is_lateral(topic)) if model else Doubts()
+    doubts.about_import = bag.doubts
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch
+    ringing = Ringing(model) if model and stored and not stored.changes else None
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in ANSWER_FIELDS}
     for block in answer_blocks(bag, topic, bar):
         for name in ANSWER_FIELDS:
             parts[name].append(block.view(FLAT)[name].copy())
+        if ringing:
+            parts.setdefault("ringing", []).append(ringing.add_answers(block))
         if model and has_readouts:
             read = model.readouts(block)
             for name in READOUTS_OF_LAW:
@@ -405,4 +450,5 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
         gathered,
         model if stored else None,
         known=stored is not None,
+        ringing=ringing,
     )

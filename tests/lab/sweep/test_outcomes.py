@@ -43,6 +43,7 @@ def assert_outcomes(row: Any, series: Any, begins: list[int]) -> None:
         "peak_pressure": readouts["peak_pressure"].max(),
         "peak_strain": readouts["strain"].max(),
         "not_converged": ((series["status"] & Status.NOT_CONVERGED) != 0).sum(),
+        "ringing": np.abs(series.ringing).max(),  # what it is: tests/offline/test_gait.py
         "ticks": len(series),
         "implausible": ((series["status"] & Status.IMPLAUSIBLE) != 0).sum(),
         "evaluations": series["evaluations"].sum(),
