@@ -96,6 +96,15 @@ def sentences_about(
             lambda t, q, load: (1e3 * t, q, load),
             "s apart: are their times in milliseconds instead of seconds?",
         ),
+        (
+            lambda t, q, load: (t, q, np.interp((t - 0.4) % (4.0 * 1.2), t, load)),
+            "a step is the other way round; are angle and load of the same times",
+        ),
+        (lambda t, q, load: (np.where(t > t[200], t + 2.0, t), q, load), "a hole of 2"),
+        (
+            lambda t, q, load: (t[::40], q[::40], load[::40]),
+            "s apart, and the load changes by",
+        ),
     ],
 )
 def test_an_implausible_input_is_reported_in_one_sentence(
