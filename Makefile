@@ -10,7 +10,7 @@ help:
 	@echo "make demo   see the knee of a walking person: real node, real topics, recording, table"
 	@echo "make test   run the tests"
 	@echo "make test-lowest  the same with the lowest versions that are allowed, without Rerun, in an environment of its own"
-	@echo "make test-package  build source distribution and wheel, install them in a new environment and use them (a minute)"
+	@echo "make test-package  build source distribution and wheels of all systems, install them in new environments and use them (three minutes)"
 	@echo "make lint   formatter, linters and type checker"
 	@echo "make docs   all pages and the interface as a site, in site/index.html; a broken link ends it"
 	@echo "make studies  measure accuracy, honesty, long runs, budgets, stability and the choice of levels again, the reproduction of the paper, and 10 000 arthritic knees (over an hour)"
@@ -32,7 +32,7 @@ test-lowest: | $(BIN)/uv
 	$(LOWEST)/bin/python -m pytest --numprocesses 2 --dist loadgroup --no-loadscope-reorder --max-worker-restart 0 $(ARGS)
 
 test-package: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest tests/packaging/check_distributions.py $(ARGS)
+	$(BIN)/python -m pytest tests/packaging/check_*.py $(ARGS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff format --check .

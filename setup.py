@@ -25,6 +25,7 @@ from setuptools import Distribution, build_meta, setup
 from setuptools.build_meta import *  # noqa: F403  (the rest of the backend)
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
+from setuptools.command.build_py import build_py
 from setuptools.errors import SetupError
 
 # isort: split
@@ -110,6 +111,15 @@ def ros_prefix() -> Path | None:
     return prefix if whole and all(map(Path.is_dir, packages)) else None
 
 
+class CopyModules(build_py):
+    """Copy the modules to where nothing of an earlier build is left, such as a library of another model."""
+
+    def run(self) -> None:
+        if not self.editable_mode:
+            shutil.rmtree(self.build_lib, ignore_errors=True)
+        super().run()
+
+
 class BuildParts(build_ext):
     """Build the messages, into a staging folder, and the model."""
 
@@ -150,9 +160,6 @@ class BuildParts(build_ext):
     def build_model(self) -> None:
         """Build the library of the model beside its modules; without it the first use tries to build it."""
         model = Path(ROOT if self.editable_mode else self.build_lib, PACKAGE, "model").resolve()
-        if not self.editable_mode:
-            for old in model.glob("knee_contact-*"):  # of an earlier build
-                old.unlink()
         code = f"from knee_contact_ros.model.kernel import build_in; build_in({str(model)!r})"
         if subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode:
             print("The library of the model could not be built; its first use tries again.")  # noqa: T201
@@ -162,8 +169,8 @@ class InstallFiles(install_data):
     """Pack the package's files, and of the messages what was staged, into the wheel's data folder."""
 
     def run(self) -> None:
-        stage = self.get_finalized_command("build_ext").stage
-        if stage.is_dir():
+        if ros_prefix():
+            stage = self.get_finalized_command("build_ext").stage
             (modules,) = stage.glob(f"lib*/python*/*-packages/{PACKAGE}")
             self.pack(
                 stage,
@@ -192,10 +199,6 @@ class InstallFiles(install_data):
 class NamedWheel(bdist_wheel):
     """A wheel for the Python that its messages are built for, else for any; without a library, for any machine."""
 
-    def finalize_options(self) -> None:
-        super().finalize_options()
-        self.root_is_pure = not (ros_prefix() or find_spec("numba"))
-
     def get_tag(self) -> tuple[str, str, str]:
         own: tuple[str, str, str] = super().get_tag()
         if ros_prefix():
@@ -205,10 +208,10 @@ class NamedWheel(bdist_wheel):
 
 
 class OwnDistribution(Distribution):
-    """A distribution with compiled parts and data, although neither is listed by name."""
+    """A distribution with data, and compiled parts if they can be built, although neither is listed by name."""
 
     def has_ext_modules(self) -> bool:
-        return True
+        return bool(ros_prefix() or find_spec("numba"))
 
     def has_data_files(self) -> bool:
         return True
@@ -221,6 +224,7 @@ if __name__ == "__main__":
         distclass=OwnDistribution,
         ext_modules=[],
         cmdclass={
+            "build_py": CopyModules,
             "build_ext": BuildParts,
             "install_data": InstallFiles,
             "bdist_wheel": NamedWheel,

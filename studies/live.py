@@ -47,6 +47,7 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import recorded_topics
+from studies.drawn_runs import differences
 from tests.ros.conftest import NodeProcess, Peer, call, set_parameters
 
 PATIENCE = 20.0
@@ -147,6 +148,12 @@ def replay(dice: random.Random) -> str:
             if not np.array_equal(live[name], fresh[name])
         ]
         return " ".join([*different_fields(Path(folder)), *told])
+
+
+def streams(dice: random.Random) -> str:
+    """Clocks, losses, resets, other publishers: `solve` of the recording gives the same bits, flags included."""
+    with tempfile.TemporaryDirectory() as folder:
+        return differences(dice, Path(folder))
 
 
 def clock(dice: random.Random) -> str:
@@ -274,6 +281,7 @@ def paths(dice: random.Random) -> str:
 
 WHAT: dict[str, Callable[[], Callable[[random.Random], str]]] = {
     "replay": lambda: replay,
+    "streams": lambda: streams,
     "clock": lambda: clock,
     "parameters": Live,
     "paths": lambda: paths,

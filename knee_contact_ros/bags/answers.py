@@ -10,7 +10,7 @@ import numpy as np
 
 from knee_contact_ros.bags.bag import Bag, damaged, opened_bag
 from knee_contact_ros.bags.names import absolute
-from knee_contact_ros.model.types import Rows
+from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.streams.columns import decode_answers
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, deserialize
 from knee_contact_ros.system.errors import UsageError, join_faults
@@ -18,6 +18,10 @@ from knee_contact_ros.system.progress import OnProgress, no_progress
 
 BLOCK_SIZE = 8192
 """Largest number of answers that are decoded at a time: 2 MB"""
+
+
+MOST_OUT_OF_ORDER = 0.01
+"""Largest fraction of answers that may be out of order in one run, as a clock was set back"""
 
 
 class BagMessage(NamedTuple):
@@ -87,16 +91,32 @@ def answer_blocks(
             raise UsageError(
                 f"{path}: {topic} has several definitions of its messages: give its recordings one by one"
             )
-        done = 0
+        done, last = 0, None
         for batch in reader.batches_of(BLOCK_SIZE):
             try:
                 answers = decode_answers(batch.messages, first)
             except Exception as error:  # whatever broken bytes and definitions provoke
                 reason = " ".join(str(error).split())
                 raise UsageError(f"{path}: an answer cannot be decoded: {reason}") from None
+            last = _check_one_run(path, topic, answers, last)
             yield answers
             done += len(answers)
             advance(done, reader.message_count)
+
+
+def _check_one_run(path: Path, topic: str, answers: Rows, last: int | None) -> int:
+    """Refuse answers of several runs that another tool has mixed; return the stamp [ns] of the last one.
+
+    `last` is that of the answer before. In a run stamps go back only where an answer says so.
+    """
+    steps = np.diff(answers["stamp"], prepend=answers["stamp"][0] - 1 if last is None else last)
+    mixed = np.count_nonzero((steps <= 0) & ((answers["status"] & Status.TIME_RESET) == 0))
+    if mixed > MOST_OUT_OF_ORDER * len(answers):
+        raise UsageError(
+            f"{path}: {topic} holds answers of several runs, mixed by another tool ({mixed} of {len(answers)} stamps "
+            "do not follow the one before): give its recordings one by one"
+        )
+    return int(answers["stamp"][-1])
 
 
 def read_answers(bag: Path | Bag, topic: str = f"/{KNEE_CONTACT}") -> Rows:

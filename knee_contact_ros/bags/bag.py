@@ -46,13 +46,13 @@ from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     LOAD_INPUTS,
-    MESSAGE_TYPES,
     types_in,
+    types_of,
     typestore,
 )
 from knee_contact_ros.system.errors import UsageError, join_faults, list_names
 
-INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
+INPUT_TYPES = types_of(INPUTS)
 """Types of the topics that drive the model, by their absolute names"""
 OTHER_WAYS = {
     JOINT_STATES: f"-p knee.source:={DYNAMIC_JOINT_STATES} reads those of ros2_control",
@@ -65,6 +65,11 @@ MAX_MESSAGE_SIZE = 2**24
 """Largest size [B] of a message that was compressed by itself"""
 ORIGIN = "origin"
 """Name of the metadata record of an imported bag, which describes its origin"""
+
+DOUBTS = "doubts"
+"""Entry of that record with what the importer doubted, a sentence a line"""
+DOUBTED = "the import doubted: "
+"""Beginning of such a sentence, where a bag is computed"""
 
 
 class RawMessage(NamedTuple):
@@ -185,6 +190,12 @@ class Bag:
             return float(origin.get("body_weight", "").removesuffix("N")) or None
         except ValueError:
             return None
+
+    @property
+    def doubts(self) -> list[str]:
+        """What an importer doubted, as sentences; also in what was computed from its bag."""
+        doubts = (self.first_metadata(ORIGIN) or {}).get(DOUBTS, "").splitlines()
+        return [doubt if doubt.startswith(DOUBTED) else DOUBTED + doubt for doubt in doubts]
 
     def first_metadata(self, name: str) -> dict[str, str] | None:
         """Return the content of the first metadata record of a name; None if there is none."""

@@ -17,6 +17,7 @@ from knee_contact_ros.parameters.curves import curve_files, read_curve
 from knee_contact_ros.parameters.files import flat_parameters, load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.contact_pipeline import RunState
 from knee_contact_ros.streams.output import (
     ANSWERS_FLAGGED,
     LOAD_PROVENANCE,
@@ -32,6 +33,8 @@ RESET = "reset"
 """Name of the metadata record of a reset of a running node"""
 TICKS_BEFORE = "ticks_before"
 """Key for the number of ticks that the node had computed before the recording began"""
+STATE = "state"
+"""Key for the state of the run at the beginning of the recording, as JSON"""
 CURVE = "file of "
 """Prefix of the key for the content of a file that a parameter names; the name of the parameter follows"""
 OURS = "knee_contact_ros "
@@ -75,6 +78,8 @@ class Provenance(NamedTuple):
     """Contents of the files that parameters name, by the names of the parameters"""
     ticks_before: int
     """Number of ticks that the node had computed before the recording began"""
+    state: RunState | None
+    """State of the run after these ticks; None: another version made the recording, or it begins with the run"""
     changes: tuple[Change, ...]
     """Changes of parameters and resets, in the order of the ticks"""
     damage: tuple[str, ...]
@@ -101,6 +106,7 @@ def provenance_record(
     curves: Mapping[str, str] = {},
     source: Bag | None = None,
     ticks_before: int = 0,
+    state: RunState | None = None,
 ) -> dict[str, str]:
     """Return the content of the metadata record; nothing in it depends on where or when it is written.
 
@@ -109,6 +115,7 @@ def provenance_record(
         curves: Contents of files that parameters name (`curve_texts`).
         source: Bag that the inputs come from, if any.
         ticks_before: Number of ticks that the node had computed before the recording began.
+        state: State of the run after these ticks.
     """
     values = {
         name: value
@@ -122,6 +129,8 @@ def provenance_record(
         record["model_sha256"] = model_digest()
     record["parameters"] = json.dumps(values, indent=0)
     record[TICKS_BEFORE] = str(ticks_before)
+    if ticks_before and state:
+        record[STATE] = json.dumps(state)
     record |= {CURVE + name: text for name, text in curves.items()}
     if source:
         record["source"] = source.path.name
@@ -152,6 +161,12 @@ def read_provenance(bag: Path | Bag) -> Provenance | None:
         raise UsageError(
             f"{path} continues {begin}, which holds the parameters: give the whole folder, or --params"
         )
+    sets = {tuple(sorted(one.items())) for one in map(_of_result, records) if one}
+    if len(sets) > 1:
+        raise UsageError(
+            f"{path} holds answers that were computed with {len(sets)} sets of parameters: give its recordings one by "
+            "one, or --params"
+        )
     values = _values_in(path, PROVENANCE, record)
     if record is None or values is None:
         return None
@@ -170,6 +185,7 @@ def read_provenance(bag: Path | Bag) -> Provenance | None:
             key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)
         },
         ticks_before=before,
+        state=_state_in(path, record),
         changes=tuple(changes),
         damage=tuple(damage),
     )
@@ -185,6 +201,15 @@ def recorded_flags(recording: Bag, provenance_name: str = PROVENANCE) -> list[Fl
                 tick = int(content[TICK]) - int(begin[TICKS_BEFORE])
                 flags.append(Flags(tick, int(content[STATUS]) & ALL_BITS))
     return sorted(flags, key=lambda each: each.tick)
+
+
+def _of_result(record: tuple[str, Mapping[str, str]]) -> dict[str, str]:
+    """Return what answers depend on in a metadata record of our provenance; empty if it is none."""
+    name, content = record
+    if name != PROVENANCE or not content.get("package", "").startswith(OURS):
+        return {}
+    files = {key: text for key, text in content.items() if key.startswith(CURVE)}
+    return files | {"parameters": content.get("parameters", "")}
 
 
 def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:
@@ -206,6 +231,28 @@ def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[s
     raise UsageError(
         f"{bag}: its record {name}, which has the parameters, is damaged: give --params"
     )
+
+
+def _state_in(bag: Path, record: Mapping[str, str]) -> RunState | None:
+    """Return the state of the run in a record; None if it has none for this version of the model.
+
+    Raises:
+        UsageError: The state is damaged.
+    """
+    if STATE not in record or record.get("model_sha256") != model_digest():
+        return None
+    try:
+        stamp, angles, numbers = json.loads(record[STATE])
+        return RunState(
+            None if stamp is None else int(stamp),
+            [
+                (int(at), float(angle), None if height is None else float(height), int(delay))
+                for at, angle, height, delay in angles
+            ],
+            [list(map(float, each)) for each in numbers],
+        )
+    except (TypeError, ValueError, RecursionError):
+        raise UsageError(f"{bag}: its record {PROVENANCE} has a damaged {STATE}") from None
 
 
 def stored_load(bag: Bag) -> tuple[dict[str, Any], int] | None:
@@ -239,7 +286,9 @@ def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance
         for name, file in curve_files(parameters).items()
         if name in values
     }
-    return provenance._replace(parameters=parameters, curves=provenance.curves | curves)
+    return provenance._replace(
+        parameters=parameters, curves=provenance.curves | curves, state=None
+    )
 
 
 def model_digest() -> str:

@@ -55,6 +55,7 @@ from knee_contact_ros.streams.topics import (
     MEDIAL,
     MESSAGE_TYPES,
     stamp_to_ns,
+    types_of,
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require, share_folder
@@ -200,7 +201,7 @@ def run_demo(
     parameters = load_parameters([*files, values])
     stream = ContactPipeline(parameters, compiled=False)
     inputs = LOAD_INPUTS if load else INPUTS
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
+    types = types_of(inputs)
     joints = parameters.joints() | (load.joints() if load else {})
     with Bag(bag) as opened_bag:
         BagInputs(opened_bag, load or parameters, OWN_NAMES).check_joints(joints)

@@ -107,6 +107,7 @@ def solve(
         basis_of,
         resolved_parameters,
         weight_doubt,
+        weight_row,
     )
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.parameters.subjects import Subject
@@ -135,15 +136,13 @@ def solve(
         parameters = resolved_parameters(basis)
         if parameters.load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
-        if bag.body_weight == parameters.body_weight:
-            rows["body weight"] = (
-                f"{parameters.body_weight:.7g} N, as {path.name} was imported with"
-            )
+        rows |= weight_row(bag, parameters)
         show_summary(summary, rows, {"Recording": str(output)})
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
         warn(summary.warnings)
-        if missing := summary.missing_parts(path):
+        is_given = bool(given.parameter_files or given.parameter_values or person)
+        if missing := summary.missing_parts(path, is_given):
             raise IncompleteError(missing)
 
 
@@ -166,7 +165,7 @@ def estimate_load(
     from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.folder import others_beside
     from knee_contact_ros.commands.tables import show_load
-    from knee_contact_ros.offline.bag_parameters import weight_doubt
+    from knee_contact_ros.offline.bag_parameters import unset_person, weight_doubt
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.offline.estimate_load import load_parameters_for
     from knee_contact_ros.streams.topics import LOAD_INPUTS
@@ -180,7 +179,8 @@ def estimate_load(
             summary = estimate(opened, parameters, output, advance, overwrite, names)
         doubts += weight_doubt(opened, parameters)
     sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
-    rows = {"parameters": sources, "body weight": f"{parameters.person.constants.weight:.7g} N"}
+    weight = f"{parameters.person.constants.weight:.7g} N{unset_person(parameters)}"
+    rows = {"parameters": sources, "body weight": weight}
     show_load(summary, parameters, rows, str(output))
     warn([*others_beside(bag), *doubts, *summary.implausible])
     if summary.damage:

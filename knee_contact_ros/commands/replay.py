@@ -34,7 +34,7 @@ from knee_contact_ros.commands.player import (
 )
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
-from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
+from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, NANOSECONDS, types_of
 from knee_contact_ros.system.errors import UsageError, join_faults
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import one_line_ros_errors
@@ -153,7 +153,7 @@ def run_replay(
     with ExitStack() as opened:
         opened.enter_context(unwinding_on_signals())
         open_bag = opened.enter_context(Bag(bag))
-        reader = open_bag.select({f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names)
+        reader = open_bag.select(types_of(inputs), names)
         if open_bag.damage:
             say(
                 f"bag {bag} is damaged; publishing what can be read: {join_faults(open_bag.damage)}",

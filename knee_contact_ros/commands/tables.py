@@ -167,14 +167,20 @@ def show_load(
     flagged = int(np.count_nonzero(summary.estimates["status"]))
     parts = {
         "largest joint reaction": peak.axial_force,
+        "by the sensors": peak.sensed_force,
         "  without muscles": peak.resultant_force,
         "  quadriceps": peak.quadriceps_force,
         "  hamstrings": peak.hamstrings_force,
         "  gastrocnemius": peak.gastrocnemius_force,
+        "expected in walking": peak.expected_force,
         "standard deviation": peak.standard_deviation,
         "mean joint reaction": float(summary.axial.mean()),
     }
-    cells = [(name, f"{force:.1f}", f"{force / weight:.2f}") for name, force in parts.items()]
+    cells = [
+        (name, f"{force:.1f}", f"{force / weight:.2f}")
+        for name, force in parts.items()
+        if not math.isnan(force)
+    ]
     show_table(("", "[N]", "[BW]"), cells, right=["[N]", "[BW]"])
     show_pairs(
         [

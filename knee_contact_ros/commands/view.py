@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +21,7 @@ from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, 
 from knee_contact_ros.commands.options import ParameterOptions
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
+from knee_contact_ros.offline.held_answers import doubt_of
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.curves import curve_texts
@@ -200,6 +202,8 @@ def _knees(
         build_model(own, curves=curves)
         for own, curves in (compartment_of_topic(one, parameters, texts) for one in topics)
     ]
+    if provenance is None:
+        warn(filter(None, map(partial(doubt_of, bag), topics, models)))
     drawings = outlines_of_compartments(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
         yield DrawnKnee(bag, topic, model, drawing, provenance.changes if provenance else ())

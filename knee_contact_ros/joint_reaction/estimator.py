@@ -11,7 +11,6 @@ from typing import NamedTuple, get_type_hints
 from knee_contact_ros.joint_reaction.leg import (
     GRAVITY,
     NOT_MEASURED,
-    SECONDS_PER_NANOSECOND,
     Ground,
     Joints,
     Leg,
@@ -25,6 +24,13 @@ from knee_contact_ros.joint_reaction.muscles import (
     MuscledReaction,
     Person,
     reaction_of,
+)
+from knee_contact_ros.joint_reaction.walking import (
+    MEASURED_LOADS,
+    NOT_WALKING,
+    Movement,
+    Stride,
+    StrideLoads,
 )
 
 
@@ -54,7 +60,7 @@ class AxialDeviation(NamedTuple):
 
 
 class EstimationLevel(NamedTuple):
-    """A level: its dynamics, and the error of its axial force in the knees of two men.
+    """A level: its dynamics, and the error of its axial force in the knees of three persons.
 
     docs/explanation/validation.md says how it was measured. In OpenSim's walk the errors are larger.
     """
@@ -101,14 +107,18 @@ def knee_moment_alone(leg: Leg, joints: Joints, motion: LegMotion, ground: Groun
     return net_moments(leg, joints, motion, ground)._replace(plantarflexion=NOT_MEASURED)
 
 
-_BY_MOMENTS = AxialDeviation(0.225, 0.125), AxialDeviation(0.325, 0.125)
-"""Measured deviations of both levels with net moments, calibrated and not; see docs/explanation/validation.md"""
-_BY_GROUND_FORCE = AxialDeviation(0.40, 0.10), AxialDeviation(0.55, 0.10)
-"""Those of the level with the ground force alone"""
+_CALIBRATED = AxialDeviation(0.30, 0.10)
+"""Measured deviation with own constants, at each level; see docs/explanation/validation.md"""
+_BY_MOMENTS = AxialDeviation(0.35, 0.05)
+"""Measured deviation of both levels with net moments, with constants of other persons"""
+_BY_GROUND_FORCE = AxialDeviation(0.375, 0.10)
+"""That of the level with the ground force alone"""
 LOAD_LEVELS = {
-    "ground_force": EstimationLevel(Level.GROUND_FORCE, ground_force_alone, *_BY_GROUND_FORCE),
-    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, *_BY_MOMENTS),
-    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, *_BY_MOMENTS),
+    "ground_force": EstimationLevel(
+        Level.GROUND_FORCE, ground_force_alone, _CALIBRATED, _BY_GROUND_FORCE
+    ),
+    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, _CALIBRATED, _BY_MOMENTS),
+    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, _CALIBRATED, _BY_MOMENTS),
 }
 """The levels by name, from the one with the fewest sensors to the one with the most"""
 
@@ -163,6 +173,8 @@ class LoadEstimateFields(NamedTuple):
     ankle_moment: float
     frontal_moment: float
     assistance: float
+    sensed_force: float
+    expected_force: float
     level: int
     calibrated: bool
     status: int
@@ -175,58 +187,6 @@ ESTIMATE_STRUCT = struct.Struct(
     + "".join(_STRUCT_CODES[kind.__name__] for kind in get_type_hints(LoadEstimateFields).values())
 )
 """Layout of an estimate in CDR, where it begins at a multiple of 8 B"""
-
-
-_LOADED = 0.3
-"""Ground force [body weights] above which a knee is loaded"""
-_MAX_LOADED_FLEXION = 0.85
-"""Largest flexion [rad] of a loaded knee in level walking, 49 degrees.
-
-The two measured walkers had 36 to 38 degrees. On stairs, in sit to stand and in squats knees are loaded at 60 to 100
-degrees.
-"""
-_MAX_WALKING_FORCE = 1.6
-"""Largest ground force [body weights] of walking; running has 2 and more"""
-_UNLOADED = 0.05
-"""Ground force [body weights] below which a foot bears nothing"""
-_MAX_UNLOADED_TIME = 3.0
-"""Longest time [s] in walking for which a foot bears nothing"""
-_SLOW_STRIDE = 1.5
-"""Duration [s] of a slow stride, for which a sample of another movement counts"""
-
-
-class Movement:
-    """Finds movements for which no constants were measured: everything but level walking and standing."""
-
-    def __init__(self, weight: float) -> None:
-        """Begin without samples of a person of a body weight [N]."""
-        self._weight = weight
-        self._other_until: int | None = None
-        """Stamp [ns] until which a sample of another movement counts"""
-        self._bore = 0
-        """Stamp [ns] at which the foot last bore something"""
-        self._last: int | None = None
-        """Stamp [ns] of the last sample"""
-
-    def is_other(self, stamp: int, flexion: float, vertical: float) -> bool:
-        """Whether a sample at a stamp [ns], with flexion [rad] and ground force [N], is of another movement.
-
-        A foot that bears nothing for longer than in walking counts too: sitting, cycling, or a sensor that is off.
-        """
-        force = vertical / self._weight
-        longest = _MAX_UNLOADED_TIME / SECONDS_PER_NANOSECOND
-        if self._last is None or not 0 <= stamp - self._last <= longest:
-            # The first sample, or one after a pause
-            self._other_until = None
-            self._bore = stamp
-        self._last = stamp
-        if force > _UNLOADED:
-            self._bore = stamp
-        if (force > _LOADED and flexion > _MAX_LOADED_FLEXION) or force > _MAX_WALKING_FORCE:
-            self._other_until = stamp + round(_SLOW_STRIDE / SECONDS_PER_NANOSECOND)
-        if (stamp - self._bore) * SECONDS_PER_NANOSECOND > _MAX_UNLOADED_TIME:
-            return True
-        return self._other_until is not None and stamp <= self._other_until
 
 
 # Bits of `status` in `LoadEstimate.msg`
@@ -244,10 +204,18 @@ class Estimator:
     """Estimates the joint reaction of one knee from its samples in order."""
 
     def __init__(
-        self, level: str, person: Person, calibrated: bool = False, deviation: float = 0.0
+        self,
+        level: str,
+        person: Person,
+        calibrated: bool = False,
+        deviation: float = 0.0,
+        loads: StrideLoads = MEASURED_LOADS,
     ) -> None:
-        """Make an estimator; see `configure`."""
+        """Make an estimator that expects `loads` over a stride; see `configure`."""
         self._lag = ActivationLag()
+        self._unassisted_lag = ActivationLag()
+        """Lag of the forces that the muscles would have without actuators"""
+        self._stride = Stride(loads)
         self.configure(level, person, calibrated, deviation)
 
     def configure(self, level: str, person: Person, calibrated: bool, deviation: float) -> None:
@@ -273,15 +241,11 @@ class Estimator:
         """Estimate the joint reaction at a stamp [ns]; `status` has the bits that are known already."""
         net = self._level.dynamics(self._leg, joints, motion, ground)
         reaction, status = self.react(stamp, joints, ground, net, status)
-        if not status & BIT_IMPLAUSIBLE and self._movement.is_other(
-            stamp, joints.flexion, ground.force[1]
-        ):
-            status |= BIT_DOUBTFUL_LOAD
-        muscles, weight = reaction.muscles, self._person.weight
+        muscles = reaction.muscles
         return LoadEstimateFields(
             joints.flexion,
             reaction.axial,
-            self._deviation.deviation_of(reaction.axial, weight),
+            self._deviation.deviation_of(reaction.axial, self._person.weight),
             net.compression,
             muscles.quadriceps,
             muscles.hamstrings,
@@ -290,6 +254,8 @@ class Estimator:
             reaction.plantarflexion,
             net.frontal,
             joints.knee_assistance,
+            reaction.sensed,
+            reaction.expected,
             self._level.level,
             self._calibrated,
             status,
@@ -298,23 +264,38 @@ class Estimator:
     def forget_forces(self) -> None:
         """Forget the present muscle forces."""
         self._lag.forget_forces()
+        self._unassisted_lag.forget_forces()
 
     def react(
         self, stamp: int, joints: Joints, ground: Ground, net: NetMoments, status: int
     ) -> tuple[MuscledReaction, int]:
-        """Compute the joint reaction at a stamp [ns] from net moments, and the status with `BIT_IMPLAUSIBLE`.
+        """Compute the joint reaction at a stamp [ns] from net moments, and the status with the bits that follow.
 
-        For an implausible sample the muscles act without delay. Neither it nor a held sample changes their forces
-        later.
+        In level walking the load that is expected at this moment of a stride counts as much as `person.expected_load`
+        says. It is that of a person without actuators: what they change is taken from the sensors as a whole. For an
+        implausible sample the muscles act without delay. Neither it nor a held sample changes their forces later.
         """
-        person = self._person
-        reaction = reaction_of(person, joints, net, ground.force[1])
+        person, vertical = self._person, ground.force[1]
+        reaction = reaction_of(person, joints, net, vertical)
         if status & BIT_TIME_RESET:
             self.forget_forces()
+            self._stride.forget_strides()
         if is_implausible(joints, ground, reaction.axial, person.weight):
             return reaction, status | BIT_IMPLAUSIBLE
-        is_measured = not status & BIT_INPUT_HELD
-        muscles = self._lag.forces_at(
-            stamp, reaction.muscles, person.electromechanical_delay, is_measured
-        )
-        return reaction._replace(axial=net.compression + muscles.total, muscles=muscles), status
+        needed = reaction.muscles, reaction_of(person, joints.unassisted, net, vertical).muscles
+        delay, is_measured = person.electromechanical_delay, not status & BIT_INPUT_HELD
+        muscles = self._lag.forces_at(stamp, needed[0], delay, is_measured)
+        unassisted = self._unassisted_lag.forces_at(stamp, needed[1], delay, is_measured)
+        sensed = net.compression + muscles.total
+        walking = self._stride.expect_load(stamp, vertical / person.weight)
+        if self._movement.is_other(stamp, joints.flexion, vertical):
+            status |= BIT_DOUBTFUL_LOAD
+            walking = NOT_WALKING
+        if not walking.certainty:
+            return reaction._replace(axial=sensed, sensed=sensed, muscles=muscles), status
+        expected = walking.load * person.weight
+        share = walking.certainty * person.expected_load
+        axial = sensed + share * (expected - net.compression - unassisted.total)
+        return MuscledReaction(
+            axial, muscles, reaction.extension, reaction.plantarflexion, sensed, expected
+        ), status

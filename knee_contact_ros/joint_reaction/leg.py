@@ -33,6 +33,11 @@ class Joints(NamedTuple):
     ankle_assistance: float = 0.0
     """Torque of an actuator at the ankle [N m], positive when it plantarflexes"""
 
+    @property
+    def unassisted(self) -> Joints:
+        """The same angles without actuators."""
+        return self._replace(knee_assistance=0.0, ankle_assistance=0.0)
+
 
 class Ground(NamedTuple):
     """Force and torque that the ground exerts on the foot, in upright axes."""

@@ -18,7 +18,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY, SECONDS_PER_NANOSECOND, Joints, NetMoments
+from knee_contact_ros.joint_reaction.leg import (
+    GRAVITY,
+    NOT_MEASURED,
+    SECONDS_PER_NANOSECOND,
+    Joints,
+    NetMoments,
+)
 
 # Angles beyond which moment arms stay constant: the ends of their fit, -10 and 110, -30 and 25 degrees
 _MIN_FLEXION = -0.1745
@@ -112,6 +118,8 @@ class Person(NamedTuple):
     """Constant part of the smallest muscle force, relative to the body weight"""
     electromechanical_delay: float
     """Time constant [s] with which a muscle's force follows the required one; 0: without delay"""
+    expected_load: float
+    """Weight of the load that is expected in level walking, from 0 (the sensors alone) to 1 (the expectation alone)"""
 
     @property
     def weight(self) -> float:
@@ -170,6 +178,10 @@ class MuscledReaction(NamedTuple):
     """Net moment of the muscles at the knee [N m], positive when they extend it"""
     plantarflexion: float
     """Net moment of the muscles at the ankle [N m], positive when they plantarflex it; NaN if unknown"""
+    sensed: float
+    """Force along the tibia [N] by the sensors alone"""
+    expected: float = NOT_MEASURED
+    """Force along the tibia [N] that is expected at this moment of a stride; NaN where the leg does not walk"""
 
 
 def reaction_of(
@@ -193,4 +205,5 @@ def reaction_of(
         )
         calf = max(plantarflexion, 0.0) * GASTROCNEMIUS_SHARE / achilles
     muscles = muscles_of(extension, joints.flexion, calf, person.floor(vertical), scale)
-    return MuscledReaction(net.compression + muscles.total, muscles, extension, plantarflexion)
+    axial = net.compression + muscles.total
+    return MuscledReaction(axial, muscles, extension, plantarflexion, axial)

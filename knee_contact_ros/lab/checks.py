@@ -27,7 +27,12 @@ from knee_contact_ros.lab.units import (
     TYPICAL_BODY_WEIGHT,
     unit_factor,
 )
-from knee_contact_ros.model.inputs import CLEAR_RATIO, MAX_RANGE_OF_MOTION, STEP_FLEXION
+from knee_contact_ros.model.inputs import (
+    CLEAR_RATIO,
+    MAX_RANGE_OF_MOTION,
+    STEP_FLEXION,
+    InputCheck,
+)
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -245,7 +250,12 @@ def gait_doubts(
     step = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
     cure = "a loose contact, or an encoder's turn?"
     found += outside(where, step, float(steps[worst]), "deg", (0.0, 30.0), cure)
+    turning = InputCheck(load_driven=False)
+    turning.add_samples(angle.stamps, angle.values, np.zeros(len(angle.stamps)))
+    if turning.about_turning:
+        found.append(f"{where}: {turning.about_turning}")
     if load:
+        found += _net_force_doubts(angle, load, weight)
         least = float(load.values.min())
         limits = (-MAX_PULL * (weight or TYPICAL_BODY_WEIGHT), math.inf)
         cure = "does it stand for a missing one?"
@@ -259,6 +269,18 @@ def gait_doubts(
         cure = "is moment.unit right, or a spike?"
         found += outside(moment.where, "the largest moment", most, "N m", limits, cure)
     return list(dict.fromkeys(found))
+
+
+def _net_force_doubts(angle: TimeSeries, load: TimeSeries, weight: float | None) -> list[str]:
+    """Doubt about a load that has no muscle forces in it; the angle is interpolated at its stamps."""
+    first = angle.stamps[0]
+    inside = (load.stamps >= first) & (load.stamps <= angle.stamps[-1])
+    stamps, loads = load.stamps[inside], load.values[inside]
+    if not len(stamps):
+        return []
+    seen = InputCheck(weight, share=1.0)
+    seen.add_samples(stamps, np.interp(stamps - first, angle.stamps - first, angle.values), loads)
+    return [f"{load.where}: {seen.about_net_force}"] if seen.about_net_force else []
 
 
 def _rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag import ORIGIN
+from knee_contact_ros.bags.bag import DOUBTS, ORIGIN
 from knee_contact_ros.bags.folder import MCAP, folder_content
 from knee_contact_ros.bags.metadata_file import METADATA
 from knee_contact_ros.bags.recorder import BagWriter
@@ -338,7 +338,7 @@ def store(
         if gait.weight:
             origin["body_weight"] = f"{gait.weight:.7g} N"
         if gait.doubts:
-            origin["doubts"] = "\n".join(gait.doubts)
+            origin[DOUBTS] = "\n".join(gait.doubts)
         write_bag(gait, work / bag.name, origin)
     for bag in bags:
         replace(work / bag.name, bag)

@@ -13,9 +13,8 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-import numpy as np
 from pydantic import Field
 
 from knee_contact_ros.lab.cells import is_number
@@ -78,6 +77,8 @@ class Header(NamedTuple):
     """Decimal mark of a storage file"""
     data: Floats | None = None
     """Numbers of a C3D file, shape (n, columns)"""
+    units: Mapping[int, str] = {}
+    """What a C3D file says of the units of columns, by their indices"""
     notes: tuple[str, ...] = ()
     """How the file was read, as sentences"""
 
@@ -130,7 +131,9 @@ def header_of(path: Path, wanted: Collection[ColumnName], table_format: TableFor
     if suffix in {".sto", ".mot"}:
         return storage_header(path)
     if suffix == ".c3d":
-        return _c3d_header(path)
+        from knee_contact_ros.lab.c3d import c3d_header
+
+        return c3d_header(path)
     if suffix in PARQUET_SUFFIXES:
         return _parquet_header(path)
     return _text_header(path, wanted, table_format)
@@ -197,34 +200,6 @@ def storage_header(path: Path) -> Header:
     )
 
 
-def _c3d_header(path: Path) -> Header:
-    """Read the points of a C3D file, as RKneeAngles.X, and its analog channels at the times of the points."""
-    require("c3d", "ezc3d")
-    import ezc3d
-
-    try:
-        read: Any = ezc3d.c3d(str(path))
-    except (OSError, ValueError, RuntimeError) as error:
-        raise UsageError(f"cannot read {path}: {error}") from None
-    points = read["data"]["points"][:3]
-    analogs = read["data"]["analogs"][0]
-    timing = read["header"]["points"]
-    labels, channels = (
-        read["parameters"][kind]["LABELS"]["value"] for kind in ("POINT", "ANALOG")
-    )
-    rows = points.shape[2]
-    if not rows:
-        raise UsageError(f"{path} has no points over time")
-    columns = [
-        (timing["first_frame"] + np.arange(rows)) / timing["frame_rate"],
-        *points.transpose(1, 0, 2).reshape(-1, rows),
-        *analogs[:, :: max(1, analogs.shape[1] // rows)],
-    ]
-    stems = [label.rpartition(":")[2] for label in labels[: points.shape[1]]]
-    names = [f"{stem}.{axis}" for stem in stems for axis in "XYZ"]
-    return Header(path, ("time", *names, *channels[: len(analogs)]), data=np.column_stack(columns))
-
-
 def _text_header(path: Path, wanted: Collection[ColumnName], table_format: TableFormat) -> Header:
     """Find the names of a text file's columns: the line that has most of those `wanted`, or else the first line.
 
@@ -256,7 +231,8 @@ def _text_header(path: Path, wanted: Collection[ColumnName], table_format: Table
         row = next((n for n in content if len(cells[n]) >= least and _are_numbers(cells[n])), 0)
         if row and not asked:  # columns by their places need no names
             places = tuple(str(place) for place in range(1, len(cells[row]) + 1))
-            return Header(path, places, row - 1, marks[row], text, notes=notes)
+            above = _lines_above(lines[: row - 1], marks[row], len(places))
+            return Header(path, places, row - 1, marks[row], text, above, notes=notes)
     if _are_numbers(cells[line]):
         raise UsageError(
             f"{path}: line {line} has numbers, and must have the columns' names; put a line with them on top, say "

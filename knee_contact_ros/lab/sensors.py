@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -14,7 +14,7 @@ from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.cells import DAY
 from knee_contact_ros.lab.gait_bag import Gait, Signal
 from knee_contact_ros.lab.headers import Header, TableFormat, header_of
-from knee_contact_ros.lab.tables import Table, TimeColumn, TimeSeries, read_columns
+from knee_contact_ros.lab.tables import Table, TimeColumn, TimeSeries, is_time, read_columns
 from knee_contact_ros.lab.units import (
     ColumnName,
     Dimension,
@@ -63,6 +63,9 @@ class MapChannel(Section):
     file: str = Field(
         "",
         description="pattern of the file's name, like *_motion.csv, if several have such columns",
+    )
+    time: TimeColumn | None = Field(
+        None, description="its own, where it has another clock or unit than the map's `time`"
     )
 
     @model_validator(mode="after")
@@ -288,49 +291,101 @@ def read_channels(
         name: unit_factor(each.unit, _dimension(name), f"map: {name}", sensors.body_weight)
         for name, each in channels.items()
     }
+    timings = {name: each.time or sensors.time for name, each in channels.items()}
     columns = [column for each in channels.values() for column in each.weights]
-    headers = {
-        path: header_of(path, [*sensors.time.places, *columns], sensors.table) for path in files
-    }
+    columns += [column for timing in timings.values() for column in timing.places]
+    headers = {path: header_of(path, columns, sensors.table) for path in files}
     homes = {name: _file_of(channel, name, headers) for name, channel in channels.items()}
-    read: dict[Path, Table] = {}
-    for path in dict.fromkeys(homes.values()):
-        own = (channels[name].weights for name, home in homes.items() if home == path)
-        needed = dict.fromkeys(column for weights in own for column in weights)
-        read[path] = read_columns(headers[path], list(needed), sensors.time, sensors.table)
-    clocks = {table.day is None for table in read.values()}
-    if len(clocks) > 1 or (len(read) > 1 and not sensors.time.places):
-        raise UsageError(
-            f"{' and '.join(path.name for path in read)} must have times of one clock, but only some count rows or "
-            "frames, or give the time of day; put all channels into one file"
+    parts: dict[_Part, list[ColumnName]] = {}
+    part_of = {}
+    for name, path in homes.items():
+        weights = channels[name].weights
+        timing = _nearest_time(headers[path], timings[name], weights)
+        part = _Part(
+            path, timing.model_dump_json(exclude_unset=True), channels[name].time is not None
         )
-    read = _on_one_clock(read, round(sensors.time.offset * NANOSECONDS))
+        part_of[name] = part
+        parts.setdefault(part, []).extend(weights)
+    read = {
+        part: read_columns(
+            headers[part.path], list(dict.fromkeys(needed)), part.timing, sensors.table
+        )
+        for part, needed in parts.items()
+    }
+    # Frames of a channel with a time of its own count from their own first row.
+    frames = [part for part in read if part.is_own and part.timing.rate]
+    others = {part: table for part, table in read.items() if part not in frames}
+    clocks = {table.day is None for table in others.values()}
+    if len(clocks) > 1 or (
+        len({part.path for part in others}) > 1 and not all(part.timing.places for part in others)
+    ):
+        raise UsageError(
+            f"{' and '.join(part.path.name for part in others)} must have times of one clock, but only some count "
+            "rows or frames, or give the time of day; give each channel its own time, or put all into one file"
+        )
+    shifted = _on_one_clock(others, round(sensors.time.offset * NANOSECONDS))
+    for part in frames:
+        offset = round(part.timing.offset * NANOSECONDS)
+        shifted |= _on_one_clock({part: read[part]}, offset)
     leave_out = sensors.missing == "leave_out"
     return {
-        name: _series(name, each, read[homes[name]], factors[name], leave_out)
+        name: _series(name, each, shifted[part_of[name]], factors[name], leave_out)
         for name, each in channels.items()
     }
 
 
-def _on_one_clock(read: dict[Path, Table], offset: int) -> dict[Path, Table]:
+class _Part(NamedTuple):
+    """Columns of a file that have one time."""
+
+    path: Path
+    time: str
+    """`TimeColumn` as JSON"""
+    is_own: bool
+    """Whether it is a channel's own time"""
+
+    @property
+    def timing(self) -> TimeColumn:
+        """Where the time is."""
+        return TimeColumn.model_validate_json(self.time)
+
+
+def _nearest_time(
+    header: Header, timing: TimeColumn, columns: Mapping[ColumnName, float]
+) -> TimeColumn:
+    """Return the time of columns: of several time columns with one name, the next one to their left is theirs."""
+    if header.entries is not None or header.data is not None or not timing.places:
+        return timing
+    places = header.places(timing.column)
+    for names in (header.names, *header.above):
+        same = [
+            place for place in range(len(names)) if places and names[place] == names[places[0]]
+        ]
+        first = min((place for each in columns for place in header.places(each)), default=0)
+        left = [place for place in same if place < first]
+        if left and same[1:] and is_time(names[left[0]]):
+            return timing.model_copy(update={"column": left[-1] + 1})
+    return timing
+
+
+def _on_one_clock(read: dict[_Part, Table], offset: int) -> dict[_Part, Table]:
     """Shift frames and times of day so that the first is at `offset` [ns]; undated files must begin within a day."""
-    first = next(iter(read.values()))
-    if first.day is None:
+    first = next(iter(read.values()), None)
+    if first is None or first.day is None:
         return read
     stamps = {}
-    for path, table in read.items():
+    for part, table in read.items():
         if isinstance(table.day, int) and isinstance(first.day, int):
             days = table.day - first.day
         else:
             days = round(int(first.stamps[0] - table.stamps[0]) / (DAY * NANOSECONDS))
             if not days and table.day and first.day and table.day != first.day:
                 raise UsageError(
-                    f"{first.path.name} begins on {first.day}, and {path.name} on {table.day}: are they of one trial? "
-                    "Dates are compared where all are written as 2026-11-27"
+                    f"{first.path.name} begins on {first.day}, and {table.path.name} on {table.day}: "
+                    "are they of one trial? Dates are compared where all are written as 2026-11-27"
                 )
-        stamps[path] = table.stamps + round(days * DAY) * NANOSECONDS
+        stamps[part] = table.stamps + round(days * DAY) * NANOSECONDS
     shift = offset - min(int(each[0]) for each in stamps.values())
-    return {path: table._replace(stamps=stamps[path] + shift) for path, table in read.items()}
+    return {part: table._replace(stamps=stamps[part] + shift) for part, table in read.items()}
 
 
 def _dimension(name: str) -> Dimension:

@@ -30,7 +30,7 @@ from knee_contact_ros.lab.headers import (
     storage_header,
     unreadable,
 )
-from knee_contact_ros.lab.units import ColumnName, check_unit, unit_factor
+from knee_contact_ros.lab.units import UNIT_FACTORS, ColumnName, check_unit, unit_factor, unit_name
 from knee_contact_ros.model.types import Floats, Stamps
 from knee_contact_ros.parameters.sections import Section
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -194,6 +194,9 @@ def read_columns(
             notes = check_unit(path, time.column, stated, time.unit, "time.unit")
     column = time_columns[0] if time_columns else time.column
     values = numbers[:, len(time_columns) :]
+    # Of several clocks in one file the slower ones leave cells empty.
+    filled = np.isfinite(times) | np.isfinite(values).any(axis=1)
+    times, values = times[filled], values[filled]
     table = _over_time(header, [str(name) for name in wanted], column, times + time.offset, values)
     # OpenSim writes a row twice here and there; more than a tenth of them is another column.
     if table.duplicates > 0.1 * len(numbers):
@@ -202,6 +205,12 @@ def read_columns(
             f"is it the time, in {time.unit}, with enough digits?"
         )
     return table._replace(day=day, units=units, notes=table.notes + notes)
+
+
+def is_time(name: str) -> bool:
+    """Return whether a column's name says that it has times: X[s], Time, time_ms."""
+    unit = unit_name(_unit_in_name(name).lstrip("_"))
+    return "time" in name.lower() or unit in UNIT_FACTORS["time"]
 
 
 def _unit_in_name(name: str) -> str:
@@ -299,19 +308,20 @@ def read_numbers(
 ) -> tuple[Floats, dict[int, str], int | str | None]:
     """Read the columns at some places of a file, shape (rows, places), NaN where a number is missing.
 
-    The first `times` places, 0 or 1, may have times of day, which become seconds. Also returns the texts of a row right
-    below the names by column, and the day of the first time of day, as in `Table`.
+    The first `times` places, 0 or 1, may have times of day, which become seconds. Also returns what the file
+    says of units by column, as in a row right below the names, and the day of the first time of day, as in `Table`.
 
     Raises:
         UsageError: a cell is not a number and reading is `strict`, or a line has another number of columns
             than there are names.
     """
     if header.data is not None:
-        return header.data[:, places], {}, None
+        return header.data[:, places], dict(header.units), None
     if header.path.suffix.lower() in PARQUET_SUFFIXES:
         return _read_parquet(header, places, table_format), {}, None
     stated = header.decimal or ("" if table_format.decimal == "auto" else table_format.decimal)
-    decimal = stated or ("." if header.delimiter == "," else "")
+    by_commas = header.delimiter == ","
+    decimal = stated or ("." if by_commas else "")
     thousands = not decimal or (bool(stated) and not header.decimal)
     flat = array("d")
     units: dict[int, str] = {}
@@ -334,7 +344,7 @@ def read_numbers(
                     ) from None
                 value = math.nan
             flat.append(value)
-            if not stated:
+            if not stated and not by_commas:
                 mark = (place, *_mark_in(cell))
                 marks[mark] += 1
                 examples.setdefault(mark, (line, cell))

@@ -113,7 +113,9 @@ class Surfaces(NamedTuple):
     largest_bend: float
     """Upper bound of the mechanism's |d²x/dangle²| [m/rad²]"""
     concave: float
-    """Upper bound of the tibia's curvature [1/m], >= 0"""
+    """Upper bound of the tibia's concave curvature [1/m], >= 0"""
+    convex: float
+    """The same of its convex curvature [1/m]"""
 
 
 @inlined

@@ -297,22 +297,24 @@ def object_code(code: str, target: Target) -> bytes:
     return made
 
 
-def linker(target: Target) -> list[str]:
+def linker(target: Target, *, portable: bool = False) -> list[str]:
     """Return the command that links libraries for a target: the compiler of this machine, or Zig's, from PyPI.
+
+    Zig's alone makes a `portable` library, which runs on older systems than this one, too.
 
     Raises:
         BuildError: there is none.
     """
     own = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    if own and host() == target:
+    if own and not portable and host() == target:
         return [own]
     if target.linker and importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc", "-target", target.linker]
     raise BuildError("there is no linker: install a C compiler, or `pip install ziglang`")
 
 
-def build(code: str, target: Target, library: Path) -> None:
-    """Build a library from a kernel's code; the file appears only when it is complete.
+def build(code: str, target: Target, library: Path, *, portable: bool = False) -> None:
+    """Build a library from a kernel's code; the file appears only when it is complete. See `linker` for `portable`.
 
     Raises:
         BuildError: a tool is missing or fails.
@@ -323,12 +325,14 @@ def build(code: str, target: Target, library: Path) -> None:
         part = Path(folder, "kernel.o")
         part.write_bytes(object_code(code, target))
         command = [
-            *linker(target),
+            *linker(target, portable=portable),
             "-shared",
             "-o",
             str(part.with_suffix(target.suffix)),
             str(part),
         ]
+        if target.suffix == ".dylib":  # which would hold the name of this machine's folder
+            command.append("-Wl,-install_name,@rpath/kernel.dylib")
         linked = subprocess.run([*command, "-lm"], capture_output=True, text=True, check=False)
         if linked.returncode:
             raise BuildError(f"{command[0]}: {' '.join(linked.stderr.split())[:300]}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.model.closest import next_kink
+from knee_contact_ros.model.closest import next_kink, touch
 from knee_contact_ros.model.compiler import in_kernel
 from knee_contact_ros.model.contact import (
     DEPTH_ROUNDING,
@@ -197,6 +197,83 @@ def probe_flight(
         else:
             dt *= 0.5
     return t, h, low, NO_BOUNDARY, probes
+
+
+@in_kernel
+def led_contact(
+    knee: KneeConstants, tick: Interval, height: float, velocity: float, s: float
+) -> tuple[float, float]:
+    """Return depth [m] and rate [m/s] at s [s] of a femur that is led at a velocity [m/s], at a height [m] then."""
+    angle = tick.angle + tick.angle_rate * s
+    depth, surface_rate, cosine = touch(knee.surfaces, angle, tick.angle_rate, height)
+    return depth, surface_rate - cosine * velocity
+
+
+@in_kernel
+def last_touch(
+    knee: KneeConstants,
+    tick: Interval,
+    height: float,
+    velocity: float,
+    end_depth: float,
+    end_rate: float,
+) -> tuple[float, bool, int]:
+    """Return the penetration rate [m/s] of the last touch of a femur that is led through an interval to a contact.
+
+    It is NaN if the surfaces are in contact all the while. The search goes back from the end. Between two probes, dt
+    apart, the depth is no less than the tangents of its deepest points there, but for bend dt²/2, where bend [m/s²]
+    bounds how fast the rate of any point can fall. Where that is above 0, the contact does not end; else dt is halved.
+    Also returns whether the budget has sufficed, and the number of probes.
+    """
+    turn, surfaces, duration = abs(tick.angle_rate), knee.surfaces, tick.duration
+    speed = abs(velocity) + turn * (surfaces.largest_radius + surfaces.largest_slope)
+    bend = turn * turn * (surfaces.largest_radius + surfaces.largest_bend)
+    bend += 2.0 * surfaces.convex * speed * speed
+    s, dt, depth, rate, probes = duration, duration, end_depth, end_rate, 0
+    shortest = MIN_PROBE_SPACING * duration
+    while s > 0.0 and probes < knee.budget - 1:
+        before = max(s - dt, 0.0)
+        dt = s - before
+        depth_before, rate_before = led_contact(
+            knee, tick, height + velocity * before, velocity, before
+        )
+        probes += 1
+        least = min(depth_before, depth)
+        if rate_before < 0.0 < rate:
+            back = (depth_before - depth + dt * rate) / (rate - rate_before)
+            least = min(least, depth_before + min(max(back, 0.0), dt) * rate_before)
+        if least > 0.5 * bend * dt * dt or (dt <= shortest and least > 0.0):
+            s, depth, rate, dt = before, depth_before, rate_before, 2.0 * dt
+        elif dt > shortest:
+            dt *= 0.5
+        elif depth_before > 0.0:
+            s, depth, rate = before, depth_before, rate_before
+        else:
+            return touch_rate(knee, tick, height, velocity, before, s, rate), True, probes
+    return math.nan, s <= 0.0, probes
+
+
+@in_kernel
+def touch_rate(
+    knee: KneeConstants,
+    tick: Interval,
+    height: float,
+    velocity: float,
+    low: float,
+    high: float,
+    impact: float,
+) -> float:
+    """Return the rate [m/s] of a touch between two times [s] by bisection; `impact` is the rate at the later one."""
+    for _ in range(MAX_EVENT_ITERATIONS):
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        depth, rate = led_contact(knee, tick, height + velocity * middle, velocity, middle)
+        if depth > 0.0:
+            high, impact = middle, rate
+        else:
+            low = middle
+    return impact
 
 
 @in_kernel

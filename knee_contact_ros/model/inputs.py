@@ -40,6 +40,8 @@ _MAX_LOAD = 10.0
 """Load [BW] beyond that of any knee in gait"""
 _HEAVIEST = 2000.0
 """Body weight [N] for `_MAX_LOAD` if it is not known: beyond that of nearly all people"""
+MOST_PLAUSIBLE_LOAD = _MAX_LOAD * _HEAVIEST
+"""Load [N] beyond that of any knee"""
 _STANDING_LOAD = 0.5
 """Load [BW] above which a leg counts as standing"""
 _TYPICAL_WEIGHT = 735.0
@@ -59,6 +61,13 @@ _FEW_TICKS = 10
 """Number of ticks from which steps are judged"""
 _LONG_STEP = 0.5
 """Time step [s] that is too long to show a gait"""
+_NET_FORCE = 1.5
+"""Largest load [BW] of a walking knee without the pull of its muscles: net joint forces peak at 0.98 to 1.25, and the
+contact forces of instrumented knees in walking at 1.8 and more"""
+_FASTEST = 25.0
+"""Angular velocity [rad/s] beyond that of any knee: sprinters reach 20"""
+_TURNING_TIME = 20_000_000
+"""Time [ns] over which an angular velocity is taken at least, so that an encoder's steps do not count"""
 _OTHER_AXIS_LOAD = 100.0
 """Mean force [N] along another axis than the tibia's above which there is a warning"""
 
@@ -71,6 +80,8 @@ class InputCheck:
     """Body weight [N]; None: not known"""
     load_driven: bool = True
     """Whether the load drives the femur; otherwise it is only passed on, and not judged"""
+    share: float | None = None
+    """Part of the whole knee's load that the loads are; None: not known"""
     names: str = "knee.flexion_"
     """Beginning of the names of the parameters `sign` and `offset`"""
     ticks: int = 0
@@ -116,6 +127,12 @@ class InputCheck:
     """Latest stamp [ns]"""
     _previous: int = 0
     """Stamp [ns] of the last sample that came, which is an earlier one after a reset of the time"""
+    fastest: float = 0.0
+    """Largest angular velocity [rad/s]"""
+    fastest_at: int = 0
+    """Stamp [ns] at which it was reached"""
+    _turned: tuple[Stamps, Floats] | None = field(default=None, compare=False)
+    """Stamps [ns] and angles [rad] of the last samples, of which the angular velocity of the next ones follows"""
 
     def add_samples(self, stamps: Stamps, angles: Floats, loads: Floats) -> None:
         """Add samples, at least one: stamps [ns], flexion angles [rad] and loads [N], shape (n,)."""
@@ -146,14 +163,32 @@ class InputCheck:
         self._idle += int(np.count_nonzero(straight & idle))
         self._bent_load += float(loads[bent].sum())
         self._straight_load += float(loads[straight].sum())
+        self._add_turning(stamps, angles)
         stands = loads >= _STANDING_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
         self._standing += int(np.count_nonzero(stands))
         self._standing_angles += float(angles[stands].sum())
 
+    def _add_turning(self, stamps: Stamps, angles: Floats) -> None:
+        """Find the largest angular velocity, between the last samples in pieces of time of `_TURNING_TIME`."""
+        if self._turned:
+            stamps = np.concatenate((self._turned[0], stamps))
+            angles = np.concatenate((self._turned[1], angles))
+        pieces = stamps // _TURNING_TIME
+        last = np.flatnonzero(pieces[1:] != pieces[:-1])  # the present piece may go on
+        self._turned = stamps[[*last[-1:], -1]], angles[[*last[-1:], -1]]
+        if len(last) < 2:
+            return
+        times = np.diff(stamps[last])
+        speeds = np.abs(np.diff(angles[last])) / np.maximum(times, _TURNING_TIME) / NANOSECOND
+        speeds[times <= 0] = 0.0  # the time was reset
+        at = int(speeds.argmax())
+        if speeds[at] > self.fastest:
+            self.fastest, self.fastest_at = float(speeds[at]), int(stamps[last[at + 1]])
+
     @property
     def plausible_load(self) -> float:
         """Load [N] beyond that of any knee."""
-        return _MAX_LOAD * (self.body_weight or _HEAVIEST)
+        return _MAX_LOAD * (self.share or 1.0) * (self.body_weight or _HEAVIEST)
 
     @property
     def _can_be_judged(self) -> bool:
@@ -165,12 +200,27 @@ class InputCheck:
     def _is_percent(self) -> bool:
         """Whether the load follows the angle as in gait, but is much too small."""
         too_small = self.max_load <= _PERCENT_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
-        if not self._can_be_judged or not too_small:
-            return False
+        return self._can_be_judged and too_small and self._swings
+
+    @property
+    def _swings(self) -> bool:
+        """Whether the leg stands and swings: the straight knee bears clearly more than the bent one on average."""
         enough = min(self._bent, self._straight) >= _JUDGED_SHARE * self.ticks
-        # Mean load when straight against that when bent, without dividing by a number of ticks that may be 0
+        # Without dividing by a number of ticks that may be 0
         bent = CLEAR_RATIO * self._bent_load * self._straight
         return enough and bent <= self._straight_load * self._bent
+
+    @property
+    def about_net_force(self) -> str:
+        """Sentence about a load that has no muscle forces in it; empty if it may have them, or is not known enough."""
+        weight = (self.share or math.nan) * (self.body_weight or math.nan)
+        if not (_PERCENT_LOAD * weight < self.max_load < _NET_FORCE * weight and self._swings):
+            return ""
+        return (
+            f"the load of a swinging and standing leg reaches {self.max_load / weight:.2f} body weights in the whole "
+            "knee, and the contact force of a walking knee 2 to 3: is body_weight another person's, or is it the net "
+            "joint force of inverse dynamics, which has no muscle forces? estimate-load adds them, from the net force and the knee's net moment"
+        )
 
     @property
     def about_angle(self) -> str:
@@ -201,7 +251,17 @@ class InputCheck:
             if least < MIN_FLEXION and -most >= MIN_FLEXION and -least <= MAX_FLEXION:
                 cause = f"is its sign the other one ({self.names}sign -1), {cause}"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"
-        return ""
+        return self.about_turning
+
+    @property
+    def about_turning(self) -> str:
+        """Sentence about an angular velocity that no knee has; empty if there is none."""
+        if self.fastest <= _FASTEST:
+            return ""
+        return (
+            f"the knee turns at up to {self.fastest:.3g} rad/s (at {self.fastest_at * NANOSECOND:.7g} s), and no knee "
+            f"at more than {_FASTEST:g}: are these the times of the angle, or does its sensor jump?"
+        )
 
     @property
     def load_pulls(self) -> bool:
@@ -234,7 +294,8 @@ class InputCheck:
                 "body_weight wrong?"
             )
         percent = f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
-        return percent if self._is_percent else ""
+        net_force = self.about_net_force if self._can_be_judged else ""
+        return percent if self._is_percent else net_force
 
     @property
     def about_time(self) -> str:
@@ -251,7 +312,8 @@ class InputCheck:
         bent_more = self._bent_load * self._straight > self._straight_load * self._bent
         idle = self._idle >= _IDLE_SHARE * self.ticks
         judged = self._can_be_judged and self.load_driven and not self.about_load
-        if not (judged and enough and bent_more and idle):
+        pulls = self.min_load < -_IDLE_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
+        if pulls or not (judged and enough and bent_more and idle):
             return ""
         bent, straight = self._bent_load / self._bent, self._straight_load / self._straight
         return (

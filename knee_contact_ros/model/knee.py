@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from knee_contact_ros.model import run_state, ticks
 from knee_contact_ros.model.closest import Closest
 from knee_contact_ros.model.contact import KneeConstants
-from knee_contact_ros.model.inputs import InputCheck
+from knee_contact_ros.model.inputs import MOST_PLAUSIBLE_LOAD, InputCheck
 from knee_contact_ros.model.kernel import Kernel
 from knee_contact_ros.model.laws import ContactLaw, check
 from knee_contact_ros.model.lost_state import LEAST_LOST_SPEED
@@ -25,6 +25,7 @@ from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import (
+    MAX_SURFACE_GAP,
     NANOSECOND,
     ROW,
     Contact,
@@ -382,18 +383,36 @@ class Stream:
             for place in (run_state.AT_HEIGHT, run_state.AT_STIFFNESS, run_state.AT_DAMPING):
                 state[place] = rest[place]
 
+    def state(self) -> list[float]:
+        """Return the state after the last tick, as `resume` takes it."""
+        numbers: list[float] = self._state.tolist()
+        return numbers
+
+    def resume(self, stamp: int, state: Sequence[float]) -> None:
+        """Continue from the `state` of another stream of this model, after its tick at a stamp [ns].
+
+        Raises:
+            ValueError: it is not the state of a run of this version.
+        """
+        if len(state) != run_state.STATE_SIZE or state[run_state.AT_BEGUN] != 1.0:
+            raise ValueError(f"a run has {run_state.STATE_SIZE} numbers, and has begun")
+        self._state[:] = state
+        self._stamp = stamp
+
     def mark_state_lost(self) -> None:
         """Declare the state after the first tick unknown: answers are `NOT_CONVERGED` until the contact forgets it.
 
         This is for a run that begins in the middle of a motion, and so not at rest.
         """
-        load = max(float(self.answer["load"][0]), 0.0)
-        stored = load * self.model.static_depth(load)
+        # The femur may just have been thrown by what a contact under any load of a knee had stored.
+        load = max(float(self.answer["load"][0]), MOST_PLAUSIBLE_LOAD)
+        depth = min(self.model.static_depth(load), self.model.plausible_depth)
+        stored = depth * self.model.law.static_force(depth)
         self._state[run_state.AT_LOST_SPEED] = (
             math.sqrt(2.0 * stored / self.model.mass) + LEAST_LOST_SPEED
         )
         self._state[run_state.AT_LOST_DISTANCE] = self.answer["error_estimate"][0] = (
-            self.model.plausible_depth
+            self.model.plausible_depth + MAX_SURFACE_GAP
         )
         self.answer["status"] |= int(Status.NOT_CONVERGED)
 

@@ -46,6 +46,8 @@ class Plane:
     """Slope [rad], > 0 if the anterior edge is higher; less than a quarter turn"""
     curvature = 0.0
     """Upper bound of the concave curvature [1/m], >= 0"""
+    convex = 0.0
+    """Upper bound of the convex curvature [1/m], >= 0"""
 
     def __str__(self) -> str:
         return "plane"
@@ -67,6 +69,8 @@ class Cup:
 
     radius: float
     """Radius of the arc [m], > 0"""
+    convex = 0.0
+    """Upper bound of the convex curvature [1/m]"""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.radius) and self.radius > 0.0):
@@ -144,14 +148,24 @@ class Plateau:
     def __str__(self) -> str:
         return "profile"
 
-    @property
-    def curvature(self) -> float:
-        """Upper bound of the curvature [1/m]."""
+    @cached_property
+    def curvatures(self) -> Floats:
+        """Bounds of the curvatures of all pieces [1/m], > 0 where they are concave."""
         start, _, c1, c2, c3 = self.pieces[1:, :5].T
         width = np.diff(start, append=start[-1])
         bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * width])
         flattest = np.maximum(np.abs(c1) - np.abs(bends).max(axis=0) * width, 0.0)
-        return max(0.0, float((bends / (1.0 + flattest**2) ** 1.5).max()))
+        return np.asarray(bends / (1.0 + flattest**2) ** 1.5)
+
+    @property
+    def curvature(self) -> float:
+        """Upper bound of the concave curvature [1/m]."""
+        return max(0.0, float(self.curvatures.max()))
+
+    @property
+    def convex(self) -> float:
+        """Upper bound of the convex curvature [1/m]."""
+        return max(0.0, float(-self.curvatures.min()))
 
     def outline(self, reach: float) -> Floats:
         """Return points along the measured surface, shape (n, 2) [m], to `reach` [m] on both sides at most."""
@@ -248,6 +262,7 @@ class ContactPair:
             largest_slope=mechanism.largest_slope,
             largest_bend=mechanism.largest_bend,
             concave=tibia.curvature,
+            convex=tibia.convex,
         )
 
 

@@ -24,6 +24,7 @@ from knee_contact_ros.model.contact import (
     Stage,
 )
 from knee_contact_ros.model.error_estimate import EXACT
+from knee_contact_ros.model.events import last_touch, led_contact
 from knee_contact_ros.model.laws import law_force
 from knee_contact_ros.model.lost_state import answer_while_lost
 from knee_contact_ros.model.quasi_static import quasi_static
@@ -56,8 +57,6 @@ IN_LOAD = 2
 """Load [N]"""
 IN_HEIGHT = 3
 """Prescribed height [m] or NaN"""
-MAX_BISECTIONS = 60
-"""Largest number of bisections to find the time of touch at a prescribed height"""
 SETTLING_TIME = 0.1
 """Time of contact [s] in which the femur settles after a flight that is too far for a knee. Tuned; it decides on
 `IMPLAUSIBLE` only, which no study judges."""
@@ -150,7 +149,7 @@ def at_rest(
     """
     if not math.isnan(height):
         depth, _, _ = touch(knee.surfaces, angle, 0.0, height)
-        return at_height(knee, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan)
+        return at_height(knee, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan, 0.0)
     height, depth, force, stiffness, damping, cosine, used = static_contact(
         knee.surfaces, knee.law, angle, load, START_HEIGHT, 0.0, 0.0, most
     )
@@ -162,39 +161,47 @@ def at_rest(
 
 @in_kernel
 def at_height(
-    knee: KneeConstants, height: float, velocity: float, depth: float, rate: float, impact: float
+    knee: KneeConstants,
+    height: float,
+    velocity: float,
+    depth: float,
+    rate: float,
+    impact: float,
+    impact_error: float,
 ) -> Result:
     """Return the contact at a prescribed height [m] and velocity [m/s], given depth [m] and rate [m/s] there."""
     force, _, _ = law_force(knee.law, depth, rate, 0.0 if math.isnan(impact) else impact)
     force = force if knee.allow_tension else max(force, 0.0)
     stage = Stage(depth, rate, force, 0.0, 0.0, 0.0, 1.0, 0.0)
-    femur = FemurState(height, velocity, EXACT, math.inf, impact, 0.0)
-    return Result(femur, stage, force, 0.0, 0.0, 1 if depth > 0.0 else 0, True)
+    femur = FemurState(height, velocity, EXACT, math.inf, impact, impact_error)
+    known = impact_error == 0.0 or not knee.remembers_impact
+    return Result(femur, stage, force, 0.0, 0.0, 1 if depth > 0.0 else 0, known)
 
 
 @in_kernel
 def move_to(knee: KneeConstants, tick: Interval, start: FemurState, end_height: float) -> Result:
     """Return the contact at the end of an interval in which the height changes linearly to the prescribed one [m].
 
-    It is exact: pose and velocity are prescribed. A law that depends on the impact speed is given that of the touch
-    inside the interval, if femur and tibia were apart at its beginning (bisection).
+    It is exact: pose and velocity are prescribed. A law that depends on the impact speed is given that of the last
+    touch inside the interval, or of an earlier one if femur and tibia stay in contact.
     """
-    velocity, impact = (end_height - start.height) / tick.duration, start.impact_speed
-    end = tick.angle + tick.angle_rate * tick.duration
-    depth, rate, cosine = touch(knee.surfaces, end, tick.angle_rate, end_height)
-    rate -= cosine * velocity
+    velocity = (end_height - start.height) / tick.duration
+    depth, rate = led_contact(knee, tick, end_height, velocity, tick.duration)
     if depth <= 0.0:
-        impact = math.nan
-    elif math.isnan(impact):
-        low, high, impact = 0.0, tick.duration, rate
-        for _ in range(MAX_BISECTIONS):
-            middle = 0.5 * (low + high)
-            if not low < middle < high:
-                break
-            angle, height = tick.angle + tick.angle_rate * middle, start.height + velocity * middle
-            there, surface_rate, n_y = touch(knee.surfaces, angle, tick.angle_rate, height)
-            if there > 0.0:
-                high, impact = middle, surface_rate - n_y * velocity
-            else:
-                low = middle
-    return at_height(knee, end_height, velocity, depth, rate, impact)
+        return at_height(knee, end_height, velocity, depth, rate, math.nan, 0.0)
+    impact, searched, probes = last_touch(knee, tick, start.height, velocity, depth, rate)
+    error = 0.0
+    if math.isnan(impact):
+        # It is not known until the next touch, if an end of the contact may have been missed.
+        impact = 0.0 if math.isnan(start.impact_speed) else start.impact_speed
+        error = start.impact_error if searched else math.inf
+    result = at_height(knee, end_height, velocity, depth, rate, impact, error)
+    return Result(
+        result.femur,
+        result.stage,
+        result.force,
+        0.0,
+        0.0,
+        result.evaluations + probes,
+        result.converged,
+    )

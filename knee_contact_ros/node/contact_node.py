@@ -296,7 +296,10 @@ class ContactSession(Session):
 
     def _recorded_knee(self, parameters: Parameters) -> RecordedKnee:
         ticks = self.pipeline.ticks
-        provenance = provenance_record(self.parameters, self._curves, ticks_before=ticks)
+        state = self.pipeline.run_state()
+        provenance = provenance_record(
+            self.parameters, self._curves, ticks_before=ticks, state=state
+        )
         models = {each.topic: each.model for each in self.pipeline.compartments}
         return RecordedKnee(parameters, models, self._names, provenance)
 

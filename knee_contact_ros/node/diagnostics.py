@@ -26,6 +26,7 @@ from knee_contact_ros.node.problems import (
     first_problem,
     warning_of,
 )
+from knee_contact_ros.node.silence import published_by_others, reason_of_silence
 from knee_contact_ros.streams.pipeline import Pipeline
 from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS
@@ -328,13 +329,16 @@ class Health:
         self.warn(stream.topic, sentence)
         values["reliability"] = stream.reliability.replace("_", " ")
         values["publishers"] = str(publishers)
+        if stream.reason and not stream.meter.received:
+            problem = problem[0], f"{problem[1]}: {stream.reason}"
         return stream.topic, values, problem if problem[1] else warning_of(sentence)
 
     def _log_silence(self, inputs: Inputs) -> None:
         now = time.monotonic()
         silent = [stream for stream in inputs if now - stream.meter.last > SILENCE]
-        if not silent:
+        if not silent or now < self._warned.get("silence", -math.inf) + REMINDER_PERIOD:
             return
+        self._find_reasons(inputs)
         names = " and ".join(resolve_topic(self._node, stream.topic) for stream in silent)
         text = f"nothing received on {names} for {SILENCE:g} s or more"
         if any(each.publishers and not (each.meter.received or each.handed) for each in silent):
@@ -342,7 +346,31 @@ class Health:
                 ", although there is a publisher: it sends nothing, or it runs as another user, whose shared "
                 "memory cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"
             )
-        self.warn("silence", text)
+        names_and_reasons = [
+            f"{resolve_topic(self._node, each.topic)}: {each.reason}"
+            for each in silent
+            if each.reason
+        ]
+        self.warn("silence", "; ".join([text, *names_and_reasons]))
+
+    def _find_reasons(self, inputs: Inputs) -> None:
+        """Find in the graph why inputs are silent; it takes a while, so only a warning asks for it."""
+        graph = published_by_others(self._node)
+        sources, joints = self.parameters.inputs(), len(self.parameters.joints())
+        by = "knee.source", self.parameters.force_source
+        for number, stream in enumerate(inputs):
+            stream.reason = ""
+            if stream.meter.received and not stream.publishers:
+                stream.reason = "nobody publishes it any more"
+            elif not (stream.meter.received or stream.handed):
+                stream.reason = reason_of_silence(
+                    by[number],
+                    sources[number],
+                    resolve_topic(self._node, stream.topic),
+                    sources[1 - number].type,
+                    0 if number else joints,
+                    graph,
+                )
 
     def _refusals_entry(self) -> Entry:
         """Entry for the refused samples, counted by reason."""

@@ -37,6 +37,7 @@ from knee_contact_ros.streams.frames import (
     encode_transform,
     isb_transform,
 )
+from knee_contact_ros.streams.pipeline import OF_OTHERS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import installed_share
 from knee_contact_ros.system.ros import resolve_topic
@@ -169,6 +170,8 @@ class Input:
         into those that `on_data` takes.
         """
         self.topic, self.meter, self.handed = topic, meter, handed
+        self.reason = ""
+        """Why nothing has come, as far as the graph shows"""
         self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
         self._subscriptions: dict[str, Any] = {}  # by topic
         self._best_effort, self._incompatible = (
@@ -289,7 +292,9 @@ class Input:
             self._subscribe(name)
 
     def _on_message(self, data: bytes) -> None:
-        self.meter.count_message(self._on_data(data))
+        stamp = self._on_data(data)
+        if stamp != OF_OTHERS:
+            self.meter.count_message(stamp)
 
     def _on_foreign_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)

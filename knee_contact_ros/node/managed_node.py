@@ -31,7 +31,13 @@ from knee_contact_ros.streams.watch import unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, join_faults, suggest
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, resolve_topic
-from knee_contact_ros.system.ros_files import PARAMETERS_KEY, read_sections
+from knee_contact_ros.system.ros_files import (
+    PARAMETERS_KEY,
+    Sections,
+    merge_sections,
+    read_sections,
+    values_for,
+)
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
@@ -45,8 +51,14 @@ ServiceCallback = Callable[[Any, Any], Any]
 class ManagedNode(LifecycleNode):
     """Managed node with its life cycle. Its `Session` does the work while it is configured."""
 
-    def __init__(self, kind: NodeKind, stop: Stop) -> None:
-        """Read and check the parameters.
+    def __init__(
+        self,
+        kind: NodeKind,
+        stop: Stop,
+        beside: Sequence[ManagedNode] = (),
+        files: Sequence[Path] = (),
+    ) -> None:
+        """Read and check the parameters, also those that `files` and the node `beside` this one give for both.
 
         Raises:
             UsageError: a parameter is unknown or not allowed.
@@ -57,7 +69,14 @@ class ManagedNode(LifecycleNode):
             allow_undeclared_parameters=True,
             automatically_declare_parameters_from_overrides=True,
         )
-        self.node_parameters = NodeParameters(self, kind)
+        sections: Sections = {}
+        for path in files:
+            merge_sections(sections, read_sections(path))
+        companion = f"{self.get_namespace().rstrip('/')}/{kind.schema.companion}"
+        companions = values_for(sections, companion)
+        for node in beside:
+            companions |= node.node_parameters.given
+        self.node_parameters: NodeParameters = NodeParameters(self, kind, companions)
         self.kind = kind
         self.session: Session | None = None
         self.complete = True
@@ -112,6 +131,8 @@ class ManagedNode(LifecycleNode):
             self.session = self.kind.session(
                 self, self.node_parameters.read_parameters(), given_by_user(self)
             )
+            if unset := self.node_parameters.unset_person():
+                self.get_logger().info(unset)
             self.session.prepare(self._stop.interrupting)
             self.node_parameters.user = self.session
         except BaseException:
@@ -229,11 +250,11 @@ def _for_ros(arguments: Sequence[str], folder: Path) -> Iterator[str]:
 
 def _run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     """Do what `run_nodes` does, with arguments that ROS understands."""
-    for flag, path in pairwise(arguments):
-        if flag == "--params-file":
-            for kind in kinds:
-                with of_node(kind, kinds):
-                    check_file(Path(path), kind.schema)
+    files = [Path(word) for flag, word in pairwise(arguments) if flag == "--params-file"]
+    for path in files:
+        for kind in kinds:
+            with of_node(kind, kinds):
+                check_file(path, kind.schema)
     try:
         rclpy.init(
             args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO
@@ -247,7 +268,7 @@ def _run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         with one_line_ros_errors():
             for kind in kinds:
                 with of_node(kind, kinds):
-                    nodes.append(ManagedNode(kind, stop))
+                    nodes.append(ManagedNode(kind, stop, nodes, files))
         check_names(nodes)
         check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
         start_nodes([node for node in nodes if node.node_parameters.read_parameters().autostart])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rcl_interfaces.msg import (
@@ -15,7 +16,12 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
+from knee_contact_ros.parameters.files import (
+    all_values,
+    known_parameters,
+    load_parameters,
+    with_companions,
+)
 from knee_contact_ros.parameters.sections import Declaration, NodeSection
 from knee_contact_ros.system.errors import UsageError
 
@@ -64,8 +70,10 @@ class NodeParameters:
     `5000.0`, offline and live.
     """
 
-    def __init__(self, node: Node, kind: NodeKind) -> None:
-        """Check all overrides and declare the rest.
+    def __init__(
+        self, node: Node, kind: NodeKind, companions: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        """Check all overrides and declare the rest; `companions` are the values given to the node's companion.
 
         Raises:
             UsageError: an unknown name, a wrong type or a value outside its range.
@@ -75,7 +83,11 @@ class NodeParameters:
         """Session that takes changes while the node is configured"""
         self._before: dict[str, Any] = {}  # values before the change that is checked
         overrides = self._values()
-        values = all_values(load_parameters(overrides, kind.schema))
+        self.given = with_companions(overrides, companions, kind.schema)
+        """Values that the user has given to this node, or to its companion for both"""
+        for name in overrides.keys() & kind.schema.other_names.keys():
+            node.undeclare_parameter(name)
+        values = all_values(load_parameters(self.given, kind.schema))
         for name, declaration in self._known.items():
             if name in overrides:
                 node.set_descriptor(name, described(name, declaration))
@@ -87,6 +99,16 @@ class NodeParameters:
     def read_parameters(self) -> Any:
         """Current parameters, in the schema of the kind of node."""
         return load_parameters(self._values(), self._kind.schema)
+
+    def unset_person(self) -> str:
+        """Sentence about the parameters of the person that nobody has given; empty if all are."""
+        values = all_values(self.read_parameters())
+        unset = [
+            f"{name} ({values[name]:.7g} {unit} is used)"
+            for name, unit in self._kind.schema.about_person.items()
+            if name not in self.given
+        ]
+        return f"nobody has set {' and '.join(unset)}" if unset else ""
 
     def _values(self) -> dict[str, Any]:
         return {

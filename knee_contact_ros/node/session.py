@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
+    STATE,
     TICKS_BEFORE,
     change_record,
 )
@@ -315,8 +316,9 @@ class Session(ABC):
         path = next(free_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
         record = self.parameters.record.model_copy(update={"path": str(path)})
         knee = self._recorded_knee(self.parameters.model_copy(update={"record": record}))
-        before = {TICKS_BEFORE: str(self.pipeline.ticks - answers)}
-        self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
+        provenance = {**knee.provenance, TICKS_BEFORE: str(self.pipeline.ticks - answers)}
+        provenance.pop(STATE, None)  # it is that of now
+        self.outputs.save_snapshot(items, knee._replace(provenance=provenance))
         return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
 
     def _knee(self) -> RecordedKnee:

@@ -10,15 +10,18 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import ParameterSource, dotted, load_parameters
+from knee_contact_ros.parameters.files import (
+    SAME_WEIGHT,
+    ParameterSource,
+    dotted,
+    load_parameters,
+    own_names,
+)
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.parameters.subjects import Subject
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
-
-SAME_WEIGHT = 0.01
-"""Largest relative difference of body weights that count as equal"""
 
 
 def resolved_parameters(basis: Parameters | Provenance) -> Parameters:
@@ -91,10 +94,28 @@ def with_body_weight(
         values = {"person.mass": weight * (1.0 / GRAVITY)}
     (name,) = values
     value_of = attrgetter(name)
-    is_given = any(isinstance(each, Mapping) and name in dotted(each) for each in sources)
+    is_given = any(
+        isinstance(each, Mapping) and name in own_names(dotted(each), schema) for each in sources
+    )
     if is_given or value_of(parameters) != value_of(load_parameters([], schema)):
         return parameters
     return load_parameters([*sources, values], schema, namespace)
+
+
+def unset_person(parameters: Parameters | LoadParameters) -> str:
+    """Return a phrase if nobody has set the person's weight or mass, so that the default is used; else it is empty."""
+    name = next(iter(parameters.about_person))
+    *section, inner = name.split(".")
+    part = getattr(parameters, section[0]) if section else parameters
+    return "" if inner in part.model_fields_set else f", which nobody has set (-p {name}:=...)"
+
+
+def weight_row(bag: Bag, parameters: Parameters) -> dict[str, str]:
+    """Return a row for a summary that says where the body weight comes from, if the user has not set it."""
+    weight, unset = f"{parameters.body_weight:.7g} N", unset_person(parameters)
+    if bag.body_weight == parameters.body_weight:
+        return {"body weight": f"{weight}, as {bag.path.name} was imported with"}
+    return {"body weight": f"{weight}{unset}"} if unset else {}
 
 
 def weight_doubt(bag: Bag, parameters: Parameters | LoadParameters) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag import ORIGIN, Bag
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import recorded_flags, stored_load
 from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
@@ -45,7 +45,7 @@ class LoadSummary(NamedTuple):
     calibrated: bool
     """Whether the constants are fitted to the person"""
     implausible: list[str]
-    """Sentences about angles that no knee has, and about times"""
+    """Sentences about what the importer doubted, about angles that no knee has, and about times"""
 
     @property
     def stamps(self) -> NDArray[np.int64]:
@@ -125,13 +125,13 @@ def estimate_load(
     person = parameters.person
     if parameters.frame.ground:
         inputs.learn_transforms(pipeline.frame)
+    origin = {}
+    if bag.body_weight or person != PersonSection():
+        weight = f"{person.constants.weight:.7g} N"
+        origin = {"source": "knee-contact estimate-load", "body_weight": weight}
     with open_bag_output(
-        bag, output, overwrite, LOAD_RECORDED, parameters, provenance_name=LOAD_PROVENANCE
+        bag, output, overwrite, LOAD_RECORDED, parameters, {}, LOAD_PROVENANCE, origin
     ) as recorder:
-        if bag.body_weight or person != PersonSection():
-            weight = f"{person.constants.weight:.7g} N"
-            origin = {"source": "knee-contact estimate-load", "body_weight": weight}
-            recorder.write_note(ORIGIN, origin)
         answers = _answers(inputs, pipeline, advance)
         recorded = recorder.record_answers(pipeline, answers, LoadAnswer.records)
         flexions = list[float]()
@@ -142,7 +142,8 @@ def estimate_load(
     seen = InputCheck(person.constants.weight, load_driven=False, names="knee.")
     seen.add_samples(estimates["stamp"], np.array(flexions), estimates["axial_force"])
     refused, level = pipeline.synchroniser.refused, pipeline.level
-    return LoadSummary(estimates, refused, damage, level, parameters.calibrated, seen.sentences)
+    doubts = [*bag.doubts, *seen.sentences]
+    return LoadSummary(estimates, refused, damage, level, parameters.calibrated, doubts)
 
 
 def _rows(

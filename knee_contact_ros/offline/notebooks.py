@@ -293,7 +293,7 @@ def estimate_load(
         >>> from knee_contact_ros import estimate_load
         >>> loads = estimate_load("bags/gait2354_right_sensors", "load/gait2354")
         >>> print(len(loads), f"{loads['axial_force'].max():.0f} N")
-        387 1583 N
+        387 1595 N
     """
     path = expand_user(str(bag))
     with in_python_words():

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.bag import DOUBTS, ORIGIN, Bag
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.parameters.load_schema import LoadParameters
@@ -73,8 +73,11 @@ def open_bag_output(
     parameters: Parameters | LoadParameters,
     curves: Mapping[str, str] = {},
     provenance_name: str = PROVENANCE,
+    origin: Mapping[str, str] = {},
 ) -> Iterator[BagOutput]:
     """Open the output of a bag that is computed; its file is removed if computing fails.
+
+    `origin` and what the bag's importer doubted become its metadata record of that name.
 
     Raises:
         UsageError: the output is the bag, or cannot be written.
@@ -86,7 +89,10 @@ def open_bag_output(
     with BagWriter(path, overwrite=overwrite, alone=True) as writer:
         names = {topic: f"/{topic}" for topic in topics}
         record = provenance_record(parameters, curves, bag)
-        yield BagOutput(AnswerWriter(writer, record, names, provenance_name))
+        output = BagOutput(AnswerWriter(writer, record, names, provenance_name))
+        if origin := {**origin, **({DOUBTS: "\n".join(bag.doubts)} if bag.doubts else {})}:
+            output.write_note(ORIGIN, origin)
+        yield output
 
 
 def nothing_computed(

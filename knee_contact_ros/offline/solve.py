@@ -20,18 +20,20 @@ from knee_contact_ros.bags.provenance import (
     Flags,
     Provenance,
     change_record,
+    read_provenance,
     recorded_flags,
 )
 from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.offline.bag_inputs import BagInputs
 from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
+from knee_contact_ros.offline.held_answers import HeldAnswers
 from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
 from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
 from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
-from knee_contact_ros.streams.output import TICK
+from knee_contact_ros.streams.output import PROVENANCE, TICK
 from knee_contact_ros.streams.topics import recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError
@@ -79,10 +81,9 @@ def solve(
     inputs = BagInputs(bag, parameters, names)
     inputs.check_joints(parameters.joints())
     pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
-    if recording:
-        pipeline.resume_recording(recording.ticks_before)
-    elif parameters.frame.tibia:
+    if not recording and parameters.frame.tibia:
         inputs.learn_transforms(pipeline.frame)
+    pipeline.doubts.about_import = bag.doubts
     topics = recorded_topics(has_two_compartments(parameters))
     total = inputs.message_count
     with (
@@ -91,8 +92,11 @@ def solve(
     ):
         if compiled is not False:
             pipeline.compile_model()
+        if recording:
+            _resume(pipeline, recording)
         summary = _empty_summary(pipeline, rings=not (recording and recording.changes))
-        takers: list[Callable[[AnswerBlock], object]] = [summary.add_block]
+        held = HeldAnswers()
+        takers: list[Callable[[AnswerBlock], object]] = [summary.add_block, held.add_block]
         if keep:
             takers.append(keep)
         changes: list[Change | Flags] = [
@@ -107,10 +111,29 @@ def solve(
             advance(done, total)
         run.take_answers(pipeline.finish_streams())
         _complete_summary(summary, pipeline, inputs, recording)
+        stored = read_provenance(bag) if recording else None
+        if stored and recording:
+            is_own = stored.parameters == recording.parameters
+        else:
+            is_own = bag.first_metadata(PROVENANCE) is None
+        if is_own:
+            summary.differing = held.difference(bag, names)
         recorder.write_ending(pipeline, bag, summary.damage)
         if not summary.ticks:
             raise nothing_computed(bag, "tick could be computed", pipeline, summary.damage)
     return summary
+
+
+def _resume(pipeline: ContactPipeline, recording: Provenance) -> None:
+    """Continue the run of a recording.
+
+    Raises:
+        UsageError: the state in the recording is damaged.
+    """
+    try:
+        pipeline.resume_recording(recording.ticks_before, recording.state)
+    except (TypeError, ValueError, IndexError) as error:
+        raise UsageError(f"{recording.recording}: its state is damaged: {error}") from None
 
 
 def _empty_summary(pipeline: ContactPipeline, rings: bool) -> Summary:
@@ -234,6 +257,7 @@ class SolveRun:
                 continue
             tick, values = change
             if values is None:
+                self.pipeline.synchroniser.clear_streams()
                 self.pipeline.reset()
                 self._recorder.write_note(RESET, {TICK: str(tick)})
                 continue

@@ -76,6 +76,8 @@ class Summary:
     """Number of refused samples by reason"""
     unanswered: str = ""
     """Sentence that many forces have no answer, and why; empty otherwise"""
+    differing: str = ""
+    """Sentence that the bag holds other answers than those that were computed; empty if it does not"""
     publishers: list[str] = field(default_factory=list)
     """Sentences about publishers of one input that disagree"""
     damage: list[str] = field(default_factory=list)
@@ -199,18 +201,24 @@ class Summary:
         return [
             *resets,
             *self.publishers,
+            *([self.differing] if self.differing else []),
             *self.sentences,
             *([self.split.problem] if self.split and self.split.problem else []),
         ]
 
-    def missing_parts(self, bag: Path) -> str:
-        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not."""
+    def missing_parts(self, bag: Path, is_given: bool = True) -> str:
+        """Return a sentence that the bag is damaged, or that many of its forces have no answer; empty if not.
+
+        Likewise if it holds other answers, and the user has not given the parameters (`is_given`).
+        """
         damage = (
             f" is damaged, and solved as far as it can be read: {join_faults(self.damage)}"
             if self.damage
             else ""
         )
         unanswered = f": {self.unanswered}" if self.unanswered else ""
+        if not damage and not unanswered and self.differing and not is_given:
+            return f"bag {bag}: its answers are others, as said above"
         return f"bag {bag}{damage}{unanswered}" if damage or unanswered else ""
 
 

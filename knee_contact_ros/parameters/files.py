@@ -15,6 +15,7 @@ from typing import Any, TypeVar, overload
 
 from pydantic import ValidationError
 
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.schema import (
     LATERAL_PREFIX,
     Parameters,
@@ -45,6 +46,8 @@ from knee_contact_ros.system.ros_files import (
 
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has, besides QoS overrides (`qos_overrides.…`)."""
+SAME_WEIGHT = 0.01
+"""Largest relative difference of body weights that count as equal"""
 ParameterPart = NodeSection | Mapping[str, Any] | str | Path
 ParameterSource = ParameterPart | Sequence[ParameterPart]
 """Source of parameters: a file, a mapping, or several of these; later ones override earlier ones"""
@@ -119,7 +122,7 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
         if isinstance(part, (str, Path)) and part != "":
             given = values_set_in(part, schema, namespace)
             merge_sections(sections, sections_in(parameter_file(str(part))))
-            merged = before | values_for(sections, _node_name(schema, namespace))
+            merged = before | _values_in(sections, schema, namespace, f"{part}: ")
         else:
             given = _values_of(part, schema, namespace)
             before = merged = merged | given
@@ -195,7 +198,11 @@ def is_subject(sections: Sections) -> bool:
 
 def _node_name(schema: type[NodeSection], namespace: str) -> str:
     """Return the absolute name of a node in a namespace."""
-    return f"/{namespace.strip('/')}/{schema.node}".replace("//", "/")
+    return _full_name(schema.node, namespace)
+
+
+def _full_name(node: str, namespace: str) -> str:
+    return f"/{namespace.strip('/')}/{node}".replace("//", "/")
 
 
 def _own_values(
@@ -211,7 +218,65 @@ def _own_values(
     space = names[0].rpartition("/")[0].removeprefix("/") if names else ""
     hint = f"; say --namespace {space}" if space and "*" not in space else ""
     check_used(sections, name, [node], hint)
-    return values_for(sections, node)
+    return _values_in(sections, schema, namespace, f"{name}: ")
+
+
+def _values_in(
+    sections: Sections, schema: type[NodeSection], namespace: str, where: str
+) -> dict[str, Any]:
+    """Return the values of a node in sections, and those that its companion's section gives for both."""
+    own = values_for(sections, _node_name(schema, namespace))
+    theirs = values_for(sections, _full_name(schema.companion, namespace))
+    return with_companions(own, theirs, schema, where)
+
+
+def with_companions(
+    own: Mapping[str, Any], theirs: Mapping[str, Any], schema: type[NodeSection], where: str = ""
+) -> dict[str, Any]:
+    """Return the values of a node, and those of its companion that hold for both and that it lacks.
+
+    That is the person, and the encoder with its sign unless the two have different ones: they are entered once.
+
+    Raises:
+        UsageError: both give the body's mass or weight, and they differ; the error begins with `where`.
+    """
+    named = own_names(own, schema, where)
+    encoder = {
+        name: value for name, value in own_names(theirs, schema).items() if name in schema.encoder
+    }
+    if any(named.get(name, value) != value for name, value in encoder.items()):
+        encoder = {}
+    person = {
+        given: value
+        for given, value in theirs.items()
+        if schema.other_names.get(given, (given,))[0] in schema.about_person
+    }
+    return own_names(encoder | person | named, schema, where)
+
+
+def own_names(
+    values: Mapping[str, Any], schema: type[NodeSection], where: str = ""
+) -> dict[str, Any]:
+    """Return dotted values under the names that a node has, from those that it or its companion has.
+
+    Raises:
+        UsageError: both units of the body's mass are given, and they differ; the error begins with `where`.
+    """
+    own = dict(values)
+    for other, (name, factor) in schema.other_names.items():
+        if other not in own:
+            continue
+        given = value = own.pop(other)
+        is_mass = factor != 1.0 and type(given) in (int, float)
+        if is_mass:
+            value = factor * given
+        used = own.setdefault(name, value)
+        if is_mass and type(used) in (int, float) and abs(used - value) > SAME_WEIGHT * abs(value):
+            raise UsageError(
+                f"{where}parameter {name}: {used:.7g} is not allowed beside {other} {given:.7g}, which makes it "
+                f"{value:.7g} (1 kg weighs {GRAVITY} N): give one of them"
+            )
+    return own
 
 
 def check_used(sections: Collection[str], name: str, nodes: Sequence[str], hint: str = "") -> None:
@@ -237,7 +302,7 @@ def check_file(path: Path, schema: type[NodeSection]) -> None:
         # A wildcard stands for some name, or for none.
         spaces = [space for space in name.removeprefix("/").split("/")[:-1] if space != "**"]
         namespace = "/".join("x" if space == "*" else space for space in spaces)
-        _validated(values_for(sections, _node_name(schema, namespace)), f"{path}: ", schema)
+        _validated(_values_in(sections, schema, namespace, f"{path}: "), f"{path}: ", schema)
 
 
 def parameter_text(
@@ -290,7 +355,7 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
     """Return dotted values by section and name, without those that every ROS 2 node has; errors begin with `where`."""
     known = known_parameters(schema)
     nested: dict[str, Any] = {}
-    for name, value in values.items():
+    for name, value in own_names(values, schema, where).items():
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:

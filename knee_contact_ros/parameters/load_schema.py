@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Annotated
 
 from pydantic import Field
 
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.parameters.sections import (
     ANGLE_SOURCE_MEANING,
@@ -86,12 +88,14 @@ class PersonSection(Section):
     """[m] body height"""
     moment_arm_scale: float = Field(1.75, ge=0.3, le=3.0)
     """factor for the published moment arms of the muscles"""
-    co_contraction: float = Field(0.39, ge=0.0, le=3.0)
+    co_contraction: float = Field(0.48, ge=0.0, le=3.0)
     """smallest pull of antagonists, as a fraction of the vertical ground force"""
-    tone: float = Field(0.27, ge=0.0, le=2.0)
+    tone: float = Field(0.3, ge=0.0, le=2.0)
     """smallest pull of antagonists, as a fraction of body weight"""
     electromechanical_delay: float = Field(0.025, ge=0.0, le=0.2)
     """[s] time constant with which muscle forces follow the demand; 0: at once"""
+    expected_load: float = Field(0.5, ge=0.0, le=1.0)
+    """weight of the load that other people's knees bear at that moment of a level stride; 0: the sensors alone"""
 
     @property
     def constants(self) -> Person:
@@ -105,6 +109,16 @@ class LoadParameters(NodeSection):
     node = "knee_load"
     folder = "load"
     force_source, usual_forces = "ground.source", "ground_reaction_force"
+    companion = "knee_contact"
+    other_names = MappingProxyType(
+        {
+            "body_weight": ("person.mass", 1.0 / GRAVITY),
+            "knee.flexion_sign": ("knee.sign", 1.0),
+            "knee.flexion_offset": ("knee.offset", 1.0),
+        }
+    )
+    encoder = ("knee.source", "knee.joint_name", "knee.sign", "knee.offset")
+    about_person = MappingProxyType({"person.mass": "kg", "person.height": "m"})
 
     level: Annotated[str, one_of(_AUTO, *LOAD_LEVELS)] = Field(
         _AUTO,

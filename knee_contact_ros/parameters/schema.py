@@ -10,11 +10,13 @@ import functools
 import inspect
 import logging
 from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import MECHANISMS
@@ -311,6 +313,16 @@ class Parameters(NodeSection):
 
     node = "knee_contact"
     force_source, usual_forces = "load.source", "joint_reaction_force"
+    companion = "knee_load"
+    other_names = MappingProxyType(
+        {
+            "person.mass": ("body_weight", GRAVITY),
+            "knee.sign": ("knee.flexion_sign", 1.0),
+            "knee.offset": ("knee.flexion_offset", 1.0),
+        }
+    )
+    encoder = ("knee.source", "knee.joint_name", "knee.flexion_sign", "knee.flexion_offset")
+    about_person = MappingProxyType({"body_weight": "N"})
 
     knee: KneeSection = KneeSection()
     load: LoadSection = LoadSection()

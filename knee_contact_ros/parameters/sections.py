@@ -6,7 +6,7 @@ A parameter is an attribute of a section: its type, default and limits, and belo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -122,6 +122,15 @@ class NodeSection(Section):
     """Name of the parameter for the source of the forces"""
     usual_forces: ClassVar[str]
     """Its default: the name of the usual topic"""
+
+    companion: ClassVar[str]
+    """Name of the node that is about the same person and knee"""
+    other_names: ClassVar[Mapping[str, tuple[str, float]]]
+    """Own name, and factor, by the name that the companion has for the same thing"""
+    encoder: ClassVar[tuple[str, ...]]
+    """Names of the parameters of the knee's encoder"""
+    about_person: ClassVar[Mapping[str, str]]
+    """Unit by the name of each parameter that says who the person is"""
 
     def problem(self) -> str:
         """Return the first combination of values that is not allowed, as name and reason; empty if there is none."""

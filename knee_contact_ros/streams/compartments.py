@@ -41,7 +41,7 @@ class Compartment:
         self.parameters = parameters
         self.model = model
         self._z = z
-        self.doubts = doubts_about(parameters, model)
+        self.doubts = doubts_about(parameters, model, z > 0.0)
         """Implausible parameters, and implausible ones among the answers added to it"""
         self.restart()
 
@@ -69,7 +69,7 @@ class Compartment:
         self._z = z
         self.model = retuned(self.model, parameters)
         self.stream.continue_with(self.model)
-        doubts = doubts_about(parameters, self.model)
+        doubts = doubts_about(parameters, self.model, z > 0.0)
         self.doubts.continue_with(doubts)
         if is_shifted:  # the inputs before say nothing of those that come
             self.doubts.inputs = doubts.inputs

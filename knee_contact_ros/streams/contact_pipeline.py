@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -180,6 +180,17 @@ class ContactAnswer(NamedTuple):
         return b"".join([row[:LATENCY_BEGIN] + number for row in self.rows])
 
 
+class RunState(NamedTuple):
+    """State of a run between two ticks; it is written to a recording as JSON."""
+
+    stamp: int | None
+    """Stamp of the last tick [ns]; None after a reset"""
+    angles: Sequence[Sequence[Any]]
+    """Angles that the last tick has used, and the next one may: stamp, angle, height and delay of an `AngleSample`"""
+    numbers: Sequence[Sequence[float]]
+    """`Stream.state` of each compartment"""
+
+
 class ContactPipeline(Pipeline[ContactAnswer]):
     """Pipeline of the contact node: samples, pairing and model."""
 
@@ -266,13 +277,35 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         wrench = head + summed_wrench(rows)
         return ContactAnswer(pair, angle, axial, tuple(rows), messages, wrench)
 
-    def resume_recording(self, ticks_before: int) -> None:
-        """Expect the messages of a recording that begins after a number of ticks of the node.
+    def run_state(self) -> RunState:
+        """Return what the next tick depends on, besides the samples that have not been answered yet."""
+        waiting = {id(sample) for sample in self.synchroniser.unpaired_angles}
+        return RunState(
+            self.synchroniser.last_pair,
+            [one[:2] + one[3:5] for one in self.synchroniser.angles if id(one) not in waiting],
+            [compartment.stream.state() for compartment in self.compartments],
+        )
 
-        Its forces are in the tibia frame already. If ticks are missing before it, its motion is unknown at first.
+    def resume_recording(self, ticks_before: int, state: RunState | None = None) -> None:
+        """Expect the messages of a recording that begins after a number of ticks of the node, in a state.
+
+        Its forces are in the tibia frame already. If ticks are missing before it, and the state is not known, its
+        motion is unknown at first.
+
+        Raises:
+            ValueError: the state is not one of this pipeline.
         """
         self.frame.is_known = True
-        self.is_lost = ticks_before > 0
+        self.is_lost = ticks_before > 0 and state is None
+        if state is None or ticks_before == 0:
+            return
+        angles = [AngleSample(stamp, angle, b"", *more) for stamp, angle, *more in state.angles]
+        self.synchroniser.resume(angles, (), (), state.stamp)
+        if state.stamp is None:  # the node was reset after its last tick
+            self.synchroniser.restart()
+            return
+        for compartment, numbers in zip(self.compartments, state.numbers, strict=True):
+            compartment.stream.resume(state.stamp, numbers)
 
     def measured_offset(self) -> float:
         """Offset [N] with which the mean axial load of the last second is 0: for a leg that hangs free.

@@ -7,8 +7,9 @@ Angle and load are resampled at 200 Hz and smoothed (Gaussian, 20 ms), at any ra
   times its maximum within the next 0.4 s.
 - **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more. The load must fall there: just after,
   it is below 0.45 times its maximum within the 0.4 s before.
-- **Load peak**: the largest load within 0.25 s on either side, of 1 BW or more, where the load varies by 0.15 BW or
-  more; not at the ends of the run. Its stamp is that of the largest sample within 50 ms of the smoothed load's peak.
+- **Load peak**: the largest load within 0.25 s on either side, where the load varies by 0.15 BW or more; of 1 BW or
+  more, or of 0.5 BW and half of the largest load within 0.4 s; not at the ends of the run. Its stamp is that of the
+  largest sample within 50 ms of the smoothed load's peak.
 
 Knee extension peaks shortly before the foot lands, and the knee flexes most quickly shortly before the foot leaves the
 ground. The times between were measured against the vertical ground reaction (above 20 N) of two persons who walked at
@@ -67,7 +68,10 @@ LOADING_TIME = points(0.4)
 BEFORE_LANDING, AFTER_LEAVING = (points(-0.25), points(-0.07)), (points(0.08), points(0.2))
 """Points after the extension peak, and after the largest flexion rate, between which the leg swings"""
 PEAK_LOAD, PEAK_DISTANCE, PEAK_PROMINENCE = 1.0, points(0.25), 0.15
-"""Smallest load [BW] of a peak, smallest number of points between two, smallest range [BW] of the load around"""
+"""Load [BW] of a sure peak, smallest number of points between two, smallest range [BW] of the load around"""
+PEAK_RATIO = 0.5
+"""Smallest ratio of a peak between `LEAST_LOAD` and `PEAK_LOAD` to the largest load of its stance: in a compartment the
+second hump may be there, and in a whole knee a swinging leg's"""
 HEEL_STRIKE, TOE_OFF, LOAD_PEAK = "heel strike", "toe-off", "load peak"
 AFTER = {HEEL_STRIKE: 30_000_000, TOE_OFF: 25_000_000}
 """Time [ns] from the extension peak to heel strike, and from the largest flexion rate to toe-off"""
@@ -206,8 +210,7 @@ class Window:
             (TOE_OFF, self._angle),
             (LOAD_PEAK, self._load),
         ):
-            wait = PEAK_DISTANCE if kind == LOAD_PEAK else LOADING_TIME
-            known = len(signal) if self._ended else len(signal) - wait
+            known = len(signal) if self._ended else len(signal) - LOADING_TIME
             for at in maxima(signal[:known]).tolist():
                 if at >= first:
                     event = (
@@ -279,7 +282,9 @@ class Window:
         begin, end = np.searchsorted(self._stamps, (stamp - NEARBY, stamp + NEARBY + 1))
         largest = int(begin + self._samples[begin:end, 1].argmax())
         load = float(self._samples[largest, 1])
-        if load < PEAK_LOAD or largest == 0 or (self._ended and largest == len(self._stamps) - 1):
+        stance = self._load[max(at - LOADING_TIME, 0) : at + LOADING_TIME + 1].max()
+        least = PEAK_LOAD if self._load[at] < PEAK_RATIO * stance else LEAST_LOAD
+        if load < least or largest == 0 or (self._ended and largest == len(self._stamps) - 1):
             return None
         text = f"load peak {load:.2f} BW ({load * self._body_weight:.1f} N)"
         return GaitEvent(int(self._stamps[largest]), LOAD_PEAK, text)

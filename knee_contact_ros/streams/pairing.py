@@ -126,7 +126,7 @@ class Synchroniser:
         angles: Iterable[AngleSample],
         unpaired_angles: Iterable[AngleSample],
         waiting_loads: Iterable[LoadSample],
-        last_pair: int,
+        last_pair: int | None,
     ) -> None:
         """Replace the queues by these samples, and continue after a pair at a stamp [ns].
 
@@ -135,7 +135,7 @@ class Synchroniser:
         self.angles = deque(angles, maxlen=self._queue)
         self.unpaired_angles = deque(unpaired_angles)
         self.waiting_loads = deque(waiting_loads)
-        self._last_load = self.load_time.last
+        self._last_load = last_pair if self.load_time.last is None else self.load_time.last
         self.last_pair = last_pair
         self._has_paired = True
 

@@ -14,23 +14,29 @@ from typing import Any, Generic, Protocol, TypeVar
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.joints import SpreadJoints
 from knee_contact_ros.streams.messages import (
     JOINT_STATE,
     WRENCH,
     JointState,
     RefusedSampleError,
     WrenchStamped,
+    encode_joint_state,
 )
 from knee_contact_ros.streams.output import ANSWERS_FLAGGED, STATUS, TICK, Note
 from knee_contact_ros.streams.pairing import PairedSample, Pairs, Synchroniser
 from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
 from knee_contact_ros.streams.timeline import AngleSample, LoadSample
-from knee_contact_ros.streams.topics import JOINT_STATES, Ending, Record
+from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Ending, Record
 
 LARGEST_ANGLE_SWING = 0.03
 """Difference [rad] above which two publishers of angles disagree"""
 LARGEST_FORCE_SWING = 50.0
 """Difference [N] above which two publishers of forces disagree"""
+
+
+OF_OTHERS = -1
+"""Stamp of a message that concerns other joints only, or is used with a later one"""
 
 
 class PairAnswer(Protocol):
@@ -64,6 +70,9 @@ class Pipeline(ABC, Generic[AnswerT]):
         self.frame = frame
         self.synchroniser = Synchroniser(parameters.pairing)
         self.synchroniser.on_flags = self._note_flags
+        self._joints = SpreadJoints(
+            parameters.joints().values(), round(parameters.pairing.max_gap * NANOSECONDS)
+        )
         self.ticks = 0
         """Number of answers"""
         self.angle_conflict = PublisherConflict(JOINT_STATES, LARGEST_ANGLE_SWING, "rad")
@@ -71,7 +80,7 @@ class Pipeline(ABC, Generic[AnswerT]):
         self.force_conflict = PublisherConflict(force_topic, LARGEST_FORCE_SWING, "N")
         """Whether the forces come from publishers that disagree"""
         self.message_stamp: int | None = None
-        """Stamp [ns] of the last message; None if its bytes are not a message"""
+        """Stamp [ns] of the last message; None if its bytes are not a message, `OF_OTHERS` if it was not used"""
         self.notes: list[Note] = []
         """Notes to record before the next answer"""
         self.last_refusal = ""
@@ -104,11 +113,26 @@ class Pipeline(ABC, Generic[AnswerT]):
             self.message_stamp = message.stamp
             if not message.stamp:
                 self._refuse_unset_stamp(JOINT_STATES)
-            sample = self.angle_sample(message, recorded)
+            try:
+                sample = self.angle_sample(message, recorded)
+            except RefusedSampleError:
+                if self._joints.are_in(message):
+                    raise
+                joined = self._join(message)
+                if joined is None:
+                    self.message_stamp = OF_OTHERS
+                    return iter(())
+                sample = self.angle_sample(joined, encode_joint_state(joined))
         except RefusedSampleError as refused:
             return self._refuse_sample(refused)
-        self.angle_conflict.add_sample(message.stamp, sample.angle)
+        self.angle_conflict.add_sample(sample.message_stamp, sample.angle)
         return self._answers(self.synchroniser.push_angle(sample))
+
+    def _join(self, message: JointState) -> JointState | None:
+        """Join a message without all joints with others; see `SpreadJoints.join`."""
+        if self.synchroniser.angle_time.last is not None:
+            self._joints.note_complete()
+        return self._joints.join(message)
 
     def push_force(self, data: bytes, arrived: float = 0.0) -> Iterator[AnswerT]:
         """Push the bytes of a WrenchStamped that arrived at a time [s] by the caller's clock; return the answers."""

@@ -5,6 +5,7 @@ A recorder's process needs nothing else, so nothing large is imported here.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -154,6 +155,11 @@ def definition(type_name: str) -> bytes:
         _, rule, parts = text.partition("=" * 80 + "\n")
         text = source.read_text(encoding="utf-8") + rule + parts
     return text.encode()
+
+
+def types_of(topics: Iterable[str]) -> dict[str, str]:
+    """Return the types of this package's topics, by their absolute names."""
+    return {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics}
 
 
 def deserialize(data: bytes, topic: str) -> Any:

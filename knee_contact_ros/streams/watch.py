@@ -6,7 +6,7 @@ Nothing is refused here: the user may model a rat. Each finding is one sentence,
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -56,11 +56,13 @@ HEAVIEST_FEMUR = 0.4
 _IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 
 
-def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
-    """Make the doubts about parameters, ready to watch a run of their model."""
-    weight = parameters.body_weight
+def doubts_about(parameters: Parameters, model: KneeModel, is_lateral: bool = False) -> Doubts:
+    """Make the doubts about parameters of a compartment, ready to watch a run of their model."""
+    weight, share = parameters.body_weight, typical_share(parameters)
     inputs = InputCheck(
-        None if body_weight_doubt(weight) else weight, load_driven=not model.height_prescribed
+        None if body_weight_doubt(weight) else weight,
+        not model.height_prescribed,
+        1.0 - share if is_lateral else share,
     )
     doubts = parameter_doubts(parameters, model)
     return Doubts(
@@ -70,6 +72,11 @@ def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
         inputs,
         AxisCheck(turned_by(parameters)),
     )
+
+
+def typical_share(parameters: Parameters) -> float:
+    """Part of the knee's load that the medial, or only, compartment usually bears; known for fixed_share and total."""
+    return TYPICAL_SHARES.get(parameters.load.rule, parameters.load.share)
 
 
 def turned_by(parameters: Parameters) -> str:
@@ -166,10 +173,7 @@ def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
 
 def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
     """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
-    contact, share = (
-        parameters.contact,
-        TYPICAL_SHARES.get(parameters.load.rule, parameters.load.share),
-    )
+    contact, share = parameters.contact, typical_share(parameters)
     load, limit = share * parameters.body_weight, model.plausible_depth
     depth = model.static_depth(load)
     if depth <= limit:
@@ -227,6 +231,8 @@ class Doubts:
     """Number of answers with a contact that is on no plateau"""
     off_by: float = 0.0
     """Largest distance [m] of such a contact from the tibia's origin, along x"""
+    about_import: Sequence[str] = ()
+    """What an importer doubted of the bag, as sentences"""
 
     def continue_with(self, other: Doubts) -> None:
         """Continue with the limit and the sentences of other parameters."""
@@ -237,6 +243,7 @@ class Doubts:
             other.inputs.body_weight,
             other.inputs.load_driven,
         )
+        self.inputs.share = other.inputs.share
 
     def add_answers(self, answers: Mapping[str, NDArray[Any]] | Rows) -> None:
         """Add answers, at least one, by the names of their fields."""
@@ -308,11 +315,11 @@ class Doubts:
 
     @property
     def sentences(self) -> list[str]:
-        """All sentences: about parameters, depths, gaps and inputs."""
+        """All sentences: about the import, parameters, depths, gaps and inputs."""
         answers = self.about_answers
         if self.flown and self.inputs.load_pulls:  # what it says of the gap follows from the loads
             answers.pop()
-        return [*self.about_parameters, *answers, *self.about_inputs]
+        return [*self.about_import, *self.about_parameters, *answers, *self.about_inputs]
 
 
 @dataclass

@@ -22,8 +22,8 @@ from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     JOINT_STATES,
     LOAD_INPUTS,
-    MESSAGE_TYPES,
     stamp_to_ns,
+    types_of,
 )
 from knee_contact_ros.system.files import share_folder
 
@@ -103,7 +103,7 @@ LAWS: dict[str, Callable[[float], Law]] = {
 
 def sensors(bag: Path | None = None) -> list[Sample]:
     """The samples of a bag, the shipped one by default: a vertical force of every stamp with an angle."""
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
+    types = types_of(LOAD_INPUTS)
     angles: dict[int, float] = {}
     forces: dict[int, float] = {}
     for topic, _, message in read_bag(bag or share_folder() / "bags" / SENSOR_BAG, types):

@@ -13,7 +13,7 @@ import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from studies.validation.data import Floats, Walk
-from studies.validation.total import DEFAULT, LANDING, MIDDLE, axial, constants, fitted
+from studies.validation.total import DEFAULT, LEAST_CHANGE, axial, constants, fitted, peaks
 
 TORQUES = (-15.0, -10.0, 10.0, 15.0, 20.0)
 """Largest torques [N m]; positive ones extend the knee"""
@@ -21,8 +21,6 @@ TIMINGS = ((0.0, 0.5), (0.4, 1.0), (0.0, 1.0))
 """Parts of a stance between which an actuator pulls, as half a sine"""
 HABITS = (-0.1, 0.0, 0.1)
 """Changes of `co_contraction` with assistance"""
-LEAST_CHANGE = 0.1
-"""Change of a peak [body weights] from which its sign is asked for"""
 
 
 def torque_of(walk: Walk, largest: float, timing: tuple[float, float]) -> Floats:
@@ -41,16 +39,6 @@ def assisted(walk: Walk, torque: Floats) -> Walk:
     """A walk with an actuator that extends the knee by a torque [N m], shape (n,)."""
     pairs = zip(walk.joints, torque.tolist(), strict=True)
     return walk._replace(joints=[joints._replace(knee_assistance=each) for joints, each in pairs])
-
-
-def peaks(walk: Walk, force: Floats) -> Floats:
-    """Largest force [body weights] in both halves of every whole stance, shape (m, 2)."""
-    found = []
-    for first, last in walk.steps():
-        phase = (walk.time - walk.time[first]) / (walk.time[last] - walk.time[first])
-        halves = ((phase >= LANDING) & (phase < MIDDLE), (phase >= MIDDLE) & (phase < 1.0))
-        found.append([force[half].max() / walk.person.body_weight for half in halves])
-    return np.array(found).reshape(-1, 2)
 
 
 def right(walks: Sequence[Walk]) -> dict[str, tuple[float, float, int, int]]:

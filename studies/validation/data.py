@@ -1,7 +1,12 @@
-"""Walking trials of two instrumented knees, read from files that are not part of the project."""
+"""Walking trials of persons with instrumented knees, read from files that are not part of the project.
+
+Two kinds of files are found by their names and first lines: the tables of the fourth and fifth Grand Challenge
+(`PERSONS`), and single strides whose first line tells the person (`STRIDE_HEADER`). A new person needs a file alone.
+"""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,8 +20,6 @@ from knee_contact_ros.joint_reaction.leg import (
     NOT_MEASURED,
     Ground,
     Joints,
-    Leg,
-    LegMotion,
     MotionFilter,
     NetMoments,
     leg_of,
@@ -51,21 +54,40 @@ class Person(NamedTuple):
     """Body weight [N]"""
     height: float
     """Height [m]"""
-    pattern: str
-    """Pattern of the names of the files with forces; `_motion.csv` and `_ground_force.csv` lie beside them"""
+
+    @property
+    def mass(self) -> float:
+        """Body mass [kg]."""
+        return self.body_weight / GRAVITY
 
 
-PERSONS = (
-    Person("JW", 654.3, 1.70, "ngait_*_tibia_cells.csv"),
-    Person("PS", 735.75, 1.80, "PS_ngait_*_tibia_force.csv"),
+PERSONS = {
+    "ngait_*_tibia_cells.csv": (Person("JW", 654.3, 1.70), "GC4"),
+    "PS_ngait_*_tibia_force.csv": (Person("PS", 735.75, 1.80), "GC5"),
+}
+"""Persons and sessions by the pattern of the names of the files with forces; `_motion.csv` and `_ground_force.csv` lie
+beside them. JW: right knee (fourth Grand Challenge); PS: left knee, mirrored (fifth). JW's height is assumed"""
+STRIDE_HEADER = re.compile(r"# person (\w+), mass ([\d.]+) kg, height ([\d.]+) m")
+"""First line of the file of one stride, `PERSON_SESSION_movement*.csv`"""
+STRIDE_COLUMNS = (
+    "ground_x_N",
+    "ground_y_N",
+    "ground_z_N",
+    "torque_x_Nm",
+    "torque_y_Nm",
+    "torque_z_Nm",
 )
-"""JW: right knee (fourth Grand Challenge); PS: left knee, mirrored (fifth). JW's height is assumed"""
+"""Columns of the ground force and of its moment about the ankle in such a file"""
+WALKING = "ngait"
+"""Movement of plain level walking in the names of the files"""
 
 
 class Walk(NamedTuple):
     """One leg in one trial, at n samples."""
 
     person: Person
+    session: str
+    """Name of the person's session: the implant's clock and zero are those of one session"""
     name: str
     time: Floats
     """Times [s], shape (n,)"""
@@ -74,17 +96,15 @@ class Walk(NamedTuple):
     total: Floats
     """Measured total force [N], shape (n,)"""
     medial: Floats
-    """Measured medial force [N], shape (n,)"""
+    """Measured medial force [N], shape (n,); NaN where it is not known"""
     frontal: Floats
     """Frontal moment [N m] as torque.x, shape (n,): JW's of inverse dynamics, PS's with the muscles of OpenSim"""
     external: Floats
     """The same [N m] without muscles, shape (n,)"""
     joints: list[Joints]
     """Joint angles, length n"""
-    motions: list[LegMotion]
-    """Motion of the joints as the node sees it, length n"""
-    moments: list[NetMoments]
-    """Net moments by inverse dynamics with motion capture, length n"""
+    nets: dict[str, list[NetMoments]]
+    """Net moments as each level knows them, length n each"""
     used: Flags
     """Samples that are judged and fitted to, shape (n,)"""
     sensors: Path | None = None
@@ -101,30 +121,21 @@ class Walk(NamedTuple):
         return np.asarray(self.vertical > ON_PLATE)
 
     @property
-    def leg(self) -> Leg:
-        """The leg by its proportions."""
-        return leg_of(self.person.body_weight / GRAVITY, self.person.height)
-
-    @property
     def trial(self) -> Trial:
         """The trial relative to the body weight, as the fits of shares take it."""
         weight = self.person.body_weight
         moment = np.where(self.used, self.frontal, NOT_MEASURED) / weight
         return Trial(self.flexion, self.total / weight, self.medial / weight, moment)
 
-    def nets(self, level: str) -> list[NetMoments]:
-        """Net moments as a level knows them, length n."""
-        if level == "ankle_moment":
-            return self.moments
-        if level == "knee_moment":
-            return [net._replace(plantarflexion=NOT_MEASURED) for net in self.moments]
-        dynamics, leg = LOAD_LEVELS[level].dynamics, self.leg
-        grounds = [
-            Ground((0.0, force, 0.0), (NOT_MEASURED,) * 3) for force in self.vertical.tolist()
-        ]
-        return [
-            dynamics(leg, *each) for each in zip(self.joints, self.motions, grounds, strict=True)
-        ]
+    @property
+    def movement(self) -> str:
+        """Movement by the name of the file, without the number of the trial."""
+        return WALKING if WALKING in self.name else self.name.split("_")[2].rstrip("0123456789")
+
+    @property
+    def key(self) -> str:
+        """Person and session."""
+        return f"{self.person.name} {self.session}"
 
     def steps(self) -> list[tuple[int, int]]:
         """First sample of every stance and the first one behind it, for whole stances whose samples are all used."""
@@ -139,10 +150,24 @@ class Walk(NamedTuple):
 
 
 def walks(folder: Path) -> list[Walk]:
-    """All trials in a folder and those below it, JW's first; empty if there are none."""
-    return [
-        _walk(person, path) for person in PERSONS for path in sorted(folder.rglob(person.pattern))
+    """All trials in a folder and those below it, ordered by person and session; empty if there are none."""
+    tables = [
+        _walk(person, session, path)
+        for pattern, (person, session) in PERSONS.items()
+        for path in sorted(folder.rglob(pattern))
     ]
+    strides = [found for path in sorted(folder.rglob("*_*_*.csv")) if (found := _stride(path))]
+    return sorted(tables + strides, key=lambda walk: walk.key)
+
+
+def level_walks(all_walks: list[Walk]) -> list[Walk]:
+    """Walks in plain level walking."""
+    return [walk for walk in all_walks if walk.movement == WALKING]
+
+
+def with_medial(all_walks: list[Walk]) -> list[Walk]:
+    """Walks whose medial force is known."""
+    return [walk for walk in all_walks if np.isfinite(walk.medial).all()]
 
 
 def of(all_walks: list[Walk], name: str) -> list[Walk]:
@@ -150,7 +175,52 @@ def of(all_walks: list[Walk], name: str) -> list[Walk]:
     return [walk for walk in all_walks if walk.person.name == name]
 
 
-def _walk(person: Person, path: Path) -> Walk:
+def _stride(path: Path) -> Walk | None:
+    """Read a file of one stride; None if it is another file."""
+    with path.open(encoding="utf-8") as file:
+        header = STRIDE_HEADER.match(file.readline())
+    if header is None:
+        return None
+    person = Person(header[1], float(header[2]) * GRAVITY, float(header[3]))
+    table = np.genfromtxt(path, delimiter=",", names=True, skip_header=1)
+    time, leg, seen = table["time_s"], leg_of(person.mass, person.height), MotionFilter(WINDOW)
+    joints = [
+        Joints(*row)
+        for row in zip(
+            table["knee_flexion_rad"].tolist(),
+            table["hip_to_vertical_rad"].tolist(),
+            table["ankle_rad"].tolist(),
+            strict=True,
+        )
+    ]
+    motions = [
+        seen.add_angles(round(stamp * SECOND), each)
+        for stamp, each in zip(time.tolist(), joints, strict=True)
+    ]
+    rows = zip(*(table[name].tolist() for name in STRIDE_COLUMNS), strict=True)
+    grounds = [Ground((x, y, z), tuple(torque)) for x, y, z, *torque in rows]
+    nets = {
+        name: [level.dynamics(leg, *each) for each in zip(joints, motions, grounds, strict=True)]
+        for name, level in LOAD_LEVELS.items()
+    }
+    unknown = np.full(len(time), np.nan)
+    return Walk(
+        person,
+        path.stem.split("_")[1],
+        path.stem,
+        time,
+        table["ground_y_N"],
+        table["implant_N"],
+        unknown,
+        unknown,
+        unknown,
+        joints,
+        nets,
+        np.isfinite(table["implant_N"]),
+    )
+
+
+def _walk(person: Person, session: str, path: Path) -> Walk:
     stem = path.name.rsplit("_tibia_", 1)[0]
     forces, motion, ground = (
         np.genfromtxt(each, delimiter=",", names=True)
@@ -193,14 +263,21 @@ def _walk(person: Person, path: Path) -> Walk:
         seen.add_angles(round(stamp * SECOND), each)
         for stamp, each in zip(time.tolist(), joints, strict=True)
     ]
-    without_muscles = (
-        np.maximum(vertical, 0.0)
-        - leg_of(person.body_weight / GRAVITY, person.height).weight_below
-    )
+    leg = leg_of(person.mass, person.height)
+    without_muscles = np.maximum(vertical, 0.0) - leg.weight_below
     columns = zip(
         extension.tolist(), plantarflexion.tolist(), without_muscles.tolist(), strict=True
     )
     moments = [NetMoments(knee, ankle, force, NOT_MEASURED) for knee, ankle, force in columns]
+    grounds = [Ground((0.0, force, 0.0), (NOT_MEASURED,) * 3) for force in vertical.tolist()]
+    nets = {
+        "ground_force": [
+            LOAD_LEVELS["ground_force"].dynamics(leg, *each)
+            for each in zip(joints, motions, grounds, strict=True)
+        ],
+        "knee_moment": [net._replace(plantarflexion=NOT_MEASURED) for net in moments],
+        "ankle_moment": moments,
+    }
     spikes = (np.abs(extension) > KNEE_SPIKE * person.body_weight) | (
         np.abs(plantarflexion) > ANKLE_SPIKE * person.body_weight
     )
@@ -210,6 +287,7 @@ def _walk(person: Person, path: Path) -> Walk:
     bag = path.with_name(f"{stem}_sensors_and_implant.mcap")
     return Walk(
         person,
+        session,
         stem,
         time,
         vertical,
@@ -218,8 +296,7 @@ def _walk(person: Person, path: Path) -> Walk:
         frontal,
         external,
         joints,
-        motions,
-        moments,
+        nets,
         used,
         bag if bag.is_file() else None,
     )

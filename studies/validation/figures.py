@@ -12,7 +12,7 @@ from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from studies.reproduction.figures import DPI, GREEN, GREY, VERMILLION, panels
 from studies.validation.data import Walk
 from studies.validation.split import loads, rules
-from studies.validation.total import OTHER_PERSON, Estimate
+from studies.validation.total import OTHERS, Estimate
 
 BLACK = "#000000"
 SHOWN = {"ngait_tm_fast1": (1.4, 4.0), "PS_ngait_og_ss1": (0.0, 2.0)}
@@ -48,7 +48,7 @@ def draw(found: Sequence[Estimate], walks: Sequence[Walk], folder: Path) -> None
                 linewidth=0,
             )
         for each in found:
-            if each.walk is walk and each.how == OTHER_PERSON and each.level in LEVEL_STYLES:
+            if each.walk is walk and each.how == OTHERS and each.level in LEVEL_STYLES:
                 colour, line = LEVEL_STYLES[each.level]
                 force, told = each.force[seen] / weight, LOAD_LEVELS[each.level].uncalibrated
                 grid[0, place].plot(

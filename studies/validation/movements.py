@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from knee_contact_ros.joint_reaction.estimator import Movement
+from knee_contact_ros.joint_reaction.walking import Movement
 from studies.validation.data import SECOND, Flags, Floats
 
 STEP = 0.01

@@ -7,25 +7,32 @@ from pathlib import Path
 from statistics import fmean
 
 from benchmarks.report import Section, words
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, AxialDeviation
 from studies.validation.change import right
-from studies.validation.data import Walk, of
+from studies.validation.data import WALKING, Walk, level_walks, with_medial
 from studies.validation.movements import scores
 from studies.validation.split import CALLED, missed, other_person, other_trial, shipped
 from studies.validation.total import (
+    CURVE,
     DEFAULT,
     FREE,
-    OTHER_PERSON,
+    OTHERS,
     OWN,
+    SENSORS,
+    WAYS,
     Estimate,
-    by_person,
     by_sensors,
+    by_session,
+    clocks,
     covered,
     deviation_of,
+    errors_of,
     fitted,
     line,
-    peaks,
-    rms,
+    on_time,
+    peak_errors,
+    person_mean,
+    same_signs,
 )
 
 TITLE = "Validation"
@@ -34,113 +41,120 @@ WORDS = words(Path(__file__).with_name("words.txt"))
 PERCENT = 100.0
 
 
-def both(values: dict[str, float], form: str = ".2f") -> list[str]:
-    """Cells with the value of each person, and their mean."""
-    return [*(f"{value:{form}}" for value in values.values()), f"{fmean(values.values()):{form}}"]
-
-
 def chosen(found: Sequence[Estimate], level: str, how: str) -> list[Estimate]:
-    """Estimates at a level with constants of a kind."""
-    return [each for each in found if (each.level, each.how) == (level, how)]
+    """Estimates of level walking at a level with constants of a kind."""
+    return [
+        each
+        for each in found
+        if (each.level, each.how, each.walk.movement) == (level, how, WALKING)
+    ]
 
 
-def lines(walks: Sequence[Walk]) -> dict[str, float]:
-    """RMS error [BW] of a line in the ground force that is fitted to the other person, by person."""
-    names = dict.fromkeys(walk.person.name for walk in walks)
-    return {
-        name: fmean(
-            rms(walk, line([other for other in walks if other.person.name != name])(walk))
-            for walk in of(list(walks), name)
+def cells(sessions: dict[str, float]) -> list[str]:
+    """Cells with the value of each session, and the mean of the persons."""
+    return [*(f"{value:.2f}" for value in sessions.values()), f"{person_mean(sessions):.2f}"]
+
+
+def line_errors(walks: Sequence[Walk]) -> dict[str, float]:
+    """RMS error [BW] of a line in the ground force that is fitted to the other persons, by session."""
+    lines = [
+        Estimate(
+            walk, "", "", (), line([each for each in walks if other_person(walk, each)])(walk)
         )
-        for name in names
-    }
-
-
-def totals(found: Sequence[Estimate], how: str) -> dict[str, dict[str, float]]:
-    """RMS errors [BW] of the total force by level and person."""
-    return {
-        level: by_person(chosen(found, level, how), lambda each: rms(each.walk, each.force))
-        for level in LOAD_LEVELS
-    }
+        for walk in walks
+    ]
+    return errors_of(lines)
 
 
 def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
     """Section on the total force and its peaks."""
-    rows = []
-    for how in (OTHER_PERSON, OWN):
-        for level, errors in totals(found, how).items():
+    keys = list(dict.fromkeys(walk.key for walk in walks))
+    rows = [
+        ["line a + k F", "others", *cells(line_errors(walks)), "", ""],
+        ["", CURVE, *cells(errors_of(chosen(found, "", CURVE))), "", ""],
+    ]
+    for how in WAYS:
+        for level in LOAD_LEVELS:
             each = chosen(found, level, how)
-            ends = [
-                by_person(each, lambda one, h=half: float(peaks(one.walk, one.force)[:, h].mean()))  # type: ignore[misc]
-                for half in (0, 1)
-            ]
-            told = [
-                " / ".join(f"{PERCENT * value:+.0f}" for value in end.values()) + " %"
-                for end in ends
-            ]
-            rows.append([f"`{level}`", how, *both(errors), *told])
-    rows.append(["line a + k F", OTHER_PERSON, *both(lines(walks)), "", ""])
-    together = fitted(walks, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
-    values = ", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True))
-    header = (
-        "level",
-        "constants",
-        "JW",
-        "PS",
-        "mean",
-        "first peak, JW / PS",
-        "second peak, JW / PS",
-    )
-    sensed = []
-    for level in LOAD_LEVELS:
-        own = [
-            by_sensors(one.walk, level, one.values)
-            for one in chosen(found, level, OTHER_PERSON)
-            if one.walk.sensors
-        ]
-        sensed.append(fmean(own) if own else float("nan"))
+            ends = [mean_peak_error(each, half) for half in (0, 1)]
+            rows.append(
+                [
+                    f"`{level}`",
+                    how,
+                    *cells(errors_of(each)),
+                    *(f"{PERCENT * end:+.0f} %" for end in ends),
+                ]
+            )
+    late = clocks(walks)
+    together = fitted(on_time(walks, late), list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
     text = WORDS["total"].format(
-        values=values, sensed=", ".join(f"{error:.2f}" for error in sensed)
+        values=", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True)),
+        late=", ".join(f"{key} {1000.0 * delay:+.0f} ms" for key, delay in late.items()),
+        sensed=", ".join(f"{error:.2f}" for error in sensor_errors(found)),
     )
+    header = ("level", "constants", *keys, "mean", "first peak", "second peak")
     return Section("The total force", text, header, rows)
+
+
+def mean_peak_error(found: Sequence[Estimate], half: int) -> float:
+    """Mean error of the first (0) or second (1) peaks, as a part of the measured ones."""
+    return person_mean(
+        by_session(found, lambda one: float(peak_errors(one.walk, one.force)[:, half].mean()))
+    )
+
+
+def sensor_errors(found: Sequence[Estimate]) -> list[float]:
+    """RMS errors [BW] from the sensors' bags, with our own inverse dynamics, by level."""
+    return [
+        fmean(
+            by_sensors(one.walk, level, one.values)
+            for one in chosen(found, level, OTHERS)
+            if one.walk.sensors
+        )
+        for level in LOAD_LEVELS
+    ]
+
+
+def difference_section(found: Sequence[Estimate]) -> Section:
+    """Section on differences between the strides of a person."""
+    rows = []
+    for how in (SENSORS, OTHERS):
+        for level in LOAD_LEVELS:
+            signs = same_signs(chosen(found, level, how))
+            told = [
+                f"{PERCENT * right / max(asked, 1):.0f} % of {asked}" for right, asked in signs
+            ]
+            rows.append([f"`{level}`", how, *told])
+    header = ("level", "constants", "first peak", "second peak")
+    return Section("Differences between strides", WORDS["differences"], header, rows)
+
+
+def covered_text(found: Sequence[Estimate], told: AxialDeviation, stance: bool) -> str:
+    """Parts of the samples within one and two standard deviations, in percent."""
+    parts = [
+        person_mean(by_session(found, lambda one, n=number: covered(one, told, stance)[n]))  # type: ignore[misc]
+        for number in (0, 1)
+    ]
+    return " / ".join(f"{PERCENT * part:.0f}" for part in parts) + " %"
 
 
 def deviation_section(found: Sequence[Estimate]) -> Section:
     """Section on the standard deviations that are told."""
     rows = []
-    for how in (OTHER_PERSON, OWN):
+    for how in (OTHERS, OWN):
         for level in LOAD_LEVELS:
-            error, each = LOAD_LEVELS[level], chosen(found, level, how)
-            told = error.uncalibrated if how == OTHER_PERSON else error.calibrated
-            cells = []
-            for stance in (True, False):
-                parts = [
-                    fmean(
-                        by_person(
-                            each,
-                            lambda one, s=stance, w=which, deviation=told: covered(
-                                one, deviation, s
-                            )[w],  # type: ignore[misc]
-                        ).values()
-                    )
-                    for which in (0, 1)
-                ]
-                cells.append(" / ".join(f"{PERCENT * part:.0f}" for part in parts) + " %")
-            crossed = []
-            for name in dict.fromkeys(one.walk.person.name for one in each):
-                mine = [one for one in each if one.walk.person.name == name]
-                theirs = deviation_of([one for one in each if one.walk.person.name != name])
-                part = fmean(
-                    covered(one, theirs, stance)[1] for one in mine for stance in (True, False)
-                )
-                crossed.append(f"{PERCENT * part:.0f}")
+            each = chosen(found, level, how)
+            error = LOAD_LEVELS[level]
+            told = error.uncalibrated if how == OTHERS else error.calibrated
+            parts = [covered_text(each, told, stance) for stance in (True, False)]
+            least = deviation_of(each)
             rows.append(
                 [
                     f"`{level}`",
                     how,
                     f"{told.floor:g}, {told.part:g}",
-                    *cells,
-                    " / ".join(crossed) + " %",
+                    *parts,
+                    f"{least.floor:g}, {least.part:g}",
                 ]
             )
     header = (
@@ -149,9 +163,14 @@ def deviation_section(found: Sequence[Estimate]) -> Section:
         "floor [BW], part",
         "stance, within 1 / 2",
         "swing, within 1 / 2",
-        "within 2, chosen on the other",
+        "smallest that covers",
     )
     return Section("How sure an estimate is", WORDS["deviation"], header, rows)
+
+
+def both(values: dict[str, float]) -> list[str]:
+    """Cells with the value of each person, and their mean."""
+    return [*(f"{value:.2f}" for value in values.values()), f"{fmean(values.values()):.2f}"]
 
 
 def split_section(walks: Sequence[Walk]) -> Section:
@@ -187,27 +206,47 @@ def movement_section() -> Section:
     )
 
 
+def other_movements(found: Sequence[Estimate]) -> str:
+    """Errors [BW] in measured movements other than plain walking, a sentence; empty if there are none."""
+    others = dict.fromkeys(e.walk.movement for e in found if e.walk.movement != WALKING)
+    told = []
+    for movement in others:
+        mine = [each for each in found if each.walk.movement == movement]
+        ways = {how: [e for e in mine if e.how == how] for how in (CURVE, SENSORS, OTHERS)}
+        means = ", ".join(
+            f"{how} {person_mean(errors_of(each)):.2f}" for how, each in ways.items()
+        )
+        told.append(f"{movement}: {means}")
+    return "; ".join(told)
+
+
+def span(values: Sequence[float]) -> str:
+    """Smallest and largest value as a text; one number where they look the same."""
+    return " to ".join(dict.fromkeys(f"{pick(values):.2f}" for pick in (min, max)))
+
+
 def sections(walks: Sequence[Walk], found: Sequence[Estimate]) -> list[Section]:
     """All sections with their numbers."""
-    missed_of = {
-        form: fmean(errors.values()) for form, errors in missed(walks, other_person).items()
-    }
+    level, medial = level_walks(list(walks)), with_medial(list(walks))
+    missed_of = {form: fmean(each.values()) for form, each in missed(medial, other_person).items()}
     told = {
-        name: "{:.2f} to {:.2f}".format(
-            *(
-                pick(fmean(each.values()) for each in totals(found, how).values())
-                for pick in (min, max)
-            )
-        )
-        for name, how in (("total", OTHER_PERSON), ("own", OWN))
+        name: span([person_mean(errors_of(chosen(found, each, how))) for each in LOAD_LEVELS])
+        for name, how in (("total", OTHERS), ("alone", SENSORS), ("own", OWN))
     } | {form: f"{missed_of[form]:.2f}" for form in ("moment", "curve")}
-    return [
+    told["mean"] = f"{person_mean(errors_of(chosen(found, '', CURVE))):.2f}"
+    told["number"] = str(len({walk.person.name for walk in level}))
+    measured = other_movements(found)
+    parts = [
         Section("", WORDS["introduction"].format(**told), (), ()),
-        total_section(found, walks),
-        split_section(walks),
+        total_section(found, level),
+        difference_section(found),
+        split_section(medial),
         deviation_section(found),
-        change_section(walks),
+        change_section(medial),
         movement_section(),
         Section("What limits these figures", WORDS["limits"], (), ()),
         Section("Other studies", WORDS["others"], (), ()),
     ]
+    if measured:
+        parts.insert(3, Section("Measured movements beside plain walking [BW]", measured, (), ()))
+    return parts

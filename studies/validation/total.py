@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import pairwise, product
+from collections.abc import Callable, Mapping, Sequence
+from itertools import combinations, product
+from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
@@ -14,31 +15,39 @@ from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, AxialDeviation, Estimator
 from knee_contact_ros.joint_reaction.leg import GRAVITY, NOT_MEASURED, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
+from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS, Stride, StrideLoads
 from knee_contact_ros.parameters.load_schema import PersonSection
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
-from studies.validation.data import SECOND, Flags, Floats, Walk
+from studies.validation.data import SECOND, WALKING, Flags, Floats, Walk, of
 
 LANDING, MIDDLE = 0.1, 0.5
 """Parts of a stance: in the first one the force still falls from the heel strike's own peak, and has no peak"""
+LEAST_CHANGE = 0.1
+"""Change of a peak [body weights] from which its sign is asked for"""
 LEAST, MOST = (0.5, 0.0, 0.0), (2.5, 2.0, 1.0)
 """Bounds of moment_arm_scale, co_contraction and tone in a fit"""
 DEFAULT = PersonSection()
+LATE = np.arange(-0.06, 0.0601, 0.005)
+"""Delays [s] of an implant that are tried"""
+STANCE_POINTS = len(MEASURED_LOADS.stance)
+SWING_POINTS = len(MEASURED_LOADS.swing)
+LONGEST_SWING = 0.6
+"""Longest swing [s] that counts in a mean curve; a longer one is a step that was left out"""
 FREE = ("moment_arm_scale", "co_contraction", "tone")
 
 
-def constants(walk: Walk, values: Sequence[float] = (), delay: float | None = None) -> Constants:
+def constants(walk: Walk, values: Sequence[float] = ()) -> Constants:
     """Constants of a walk's person: `values` of `FREE`, or the defaults."""
-    person = DEFAULT.constants._replace(
-        mass=walk.person.body_weight / GRAVITY, height=walk.person.height
-    )
-    person = person._replace(**dict(zip(FREE, values, strict=bool(values))))
-    return person if delay is None else person._replace(electromechanical_delay=delay)
+    person = DEFAULT.constants._replace(mass=walk.person.mass, height=walk.person.height)
+    return person._replace(**dict(zip(FREE, values, strict=bool(values))))
 
 
-def axial(walk: Walk, level: str, person: Constants) -> Floats:
+def axial(
+    walk: Walk, level: str, person: Constants, loads: StrideLoads = MEASURED_LOADS
+) -> Floats:
     """Joint reaction [N] of a walk by a level, shape (n,), with the code of the node."""
-    estimator, stamps = Estimator(level, person), np.rint(walk.time * SECOND).astype(np.int64)
-    rows = zip(stamps.tolist(), walk.joints, walk.nets(level), walk.vertical.tolist(), strict=True)
+    estimator, stamps = Estimator(level, person, loads=loads), stamps_of(walk)
+    rows = zip(stamps, walk.joints, walk.nets[level], walk.vertical.tolist(), strict=True)
     return np.array(
         [
             estimator.react(stamp, joints, Ground((0.0, force, 0.0), (NOT_MEASURED,) * 3), net, 0)[
@@ -47,6 +56,11 @@ def axial(walk: Walk, level: str, person: Constants) -> Floats:
             for stamp, joints, net, force in rows
         ]
     )
+
+
+def stamps_of(walk: Walk) -> list[int]:
+    """Stamps [ns] of a walk's samples."""
+    return list(np.rint(walk.time * SECOND).astype(np.int64).tolist())
 
 
 def by_sensors(walk: Walk, level: str, values: Sequence[float]) -> float:
@@ -69,25 +83,99 @@ def by_sensors(walk: Walk, level: str, values: Sequence[float]) -> float:
 
 
 def weights(walks: Sequence[Walk]) -> list[float]:
-    """Weight of each walk by which persons count the same, and walks of a person do."""
-    names = [walk.person.name for walk in walks]
-    return [1.0 / (names.count(name) * len(set(names))) for name in names]
+    """Weight of each walk by which persons count the same, sessions of a person do, and walks of a session do."""
+    names = {walk.person.name for walk in walks}
+    keys = [walk.key for walk in walks]
+    sessions = {name: len({walk.key for walk in of(list(walks), name)}) for name in names}
+    return [
+        1.0 / (len(names) * sessions[walk.person.name] * keys.count(walk.key)) for walk in walks
+    ]
+
+
+def clocks(walks: Sequence[Walk]) -> dict[str, float]:
+    """Time [s] by which the implant of each session is late, by where it fits the sensors' estimate best.
+
+    Implants, plates and cameras do not share a clock.
+    """
+    alone = DEFAULT.constants._replace(expected_load=0.0)
+    found = {}
+    for key in dict.fromkeys(walk.key for walk in walks):
+        mine = [walk for walk in walks if walk.key == key]
+        guesses = [
+            (
+                walk,
+                axial(
+                    walk, level, alone._replace(mass=walk.person.mass, height=walk.person.height)
+                ),
+            )
+            for walk in mine
+            for level in LOAD_LEVELS
+        ]
+        errors = [
+            fmean(
+                rms(walk, np.interp(walk.time - late, walk.time, force)) for walk, force in guesses
+            )
+            for late in LATE
+        ]
+        found[key] = float(LATE[int(np.argmin(errors))])
+    return found
+
+
+def on_time(walks: Sequence[Walk], late: Mapping[str, float]) -> list[Walk]:
+    """Walks whose implants have the sensors' clock."""
+    return [
+        walk._replace(
+            total=np.interp(walk.time + late[walk.key], walk.time, walk.total),
+            medial=np.interp(walk.time + late[walk.key], walk.time, walk.medial),
+        )
+        for walk in walks
+    ]
+
+
+def mean_loads(walks: Sequence[Walk]) -> StrideLoads:
+    """Mean load [body weights] over stance and swing of the whole stances of walks, and of the swings behind them."""
+    curves, parts = [], []
+    for walk, part in zip(walks, weights(walks), strict=True):
+        steps = walk.steps()
+        for place, (first, last) in enumerate(steps):
+            rest = [begin for begin, _ in steps[place + 1 :]] or [len(walk.time)]
+            swing = walk.time[last - 1 : rest[0]]
+            swing = swing[swing - swing[0] < LONGEST_SWING]
+            times = np.concatenate(
+                (
+                    np.linspace(walk.time[first], walk.time[last - 1], STANCE_POINTS),
+                    np.linspace(swing[0], swing[-1], SWING_POINTS),
+                )
+            )
+            curves.append(np.interp(times, walk.time, walk.total) / walk.person.body_weight)
+            parts.append(part / len(steps))
+    mean = np.average(curves, axis=0, weights=parts)
+    return StrideLoads(tuple(mean[:STANCE_POINTS].tolist()), tuple(mean[STANCE_POINTS:].tolist()))
+
+
+def curve(walk: Walk, loads: StrideLoads) -> Floats:
+    """Force [N] of a mean curve over the strides of a walk, shape (n,); NaN where the leg does not walk."""
+    stride = Stride(loads)
+    rows = zip(stamps_of(walk), (walk.vertical / walk.person.body_weight).tolist(), strict=True)
+    found = [stride.expect_load(*row) for row in rows]
+    return np.array(
+        [each.load * walk.person.body_weight if each.certainty else np.nan for each in found]
+    )
 
 
 def fitted(
     walks: Sequence[Walk], levels: Sequence[str], scale: float | None = None
 ) -> tuple[float, ...]:
-    """Fit `FREE` to walks at levels by least squares of the error; `scale` is that of the moment arms, if given."""
+    """Fit `FREE` to the sensors' estimate at levels by least squares; `scale` is that of the moment arms, if given."""
     given = () if scale is None else (scale,)
 
     def misfit(numbers: Floats) -> Floats:
+        values = (*given, *numbers.tolist())
         return np.concatenate(
             [
                 np.sqrt(weight / walk.used.sum())
                 / walk.person.body_weight
-                * (axial(walk, level, constants(walk, (*given, *numbers.tolist()))) - walk.total)[
-                    walk.used
-                ]
+                * (alone(walk, level, values) - walk.total)[walk.used]
                 for walk, weight in zip(walks, weights(walks), strict=True)
                 for level in levels
             ]
@@ -103,6 +191,11 @@ def fitted(
         diff_step=1e-3,
     )
     return (*given, *(round(float(each), 3) for each in found.x))
+
+
+def alone(walk: Walk, level: str, values: Sequence[float]) -> Floats:
+    """Joint reaction [N] by the sensors alone, shape (n,)."""
+    return axial(walk, level, constants(walk, values)._replace(expected_load=0.0))
 
 
 def line(walks: Sequence[Walk]) -> Callable[[Walk], Floats]:
@@ -125,22 +218,46 @@ def line(walks: Sequence[Walk]) -> Callable[[Walk], Floats]:
 
 
 def rms(walk: Walk, force: Floats, within: Flags | None = None) -> float:
-    """RMS error [body weights] of an axial force [N], shape (n,), over the samples that are used."""
-    error = (force - walk.total)[
-        walk.used if within is None else walk.used & within
-    ] / walk.person.body_weight
-    return float(np.sqrt(np.mean(error**2)))
+    """RMS error [body weights] of an axial force [N], shape (n,), over the samples that are used and known."""
+    used = walk.used & np.isfinite(force)
+    error = (force - walk.total)[used if within is None else used & within]
+    return float(np.sqrt(np.mean(error**2))) / walk.person.body_weight
 
 
 def peaks(walk: Walk, force: Floats) -> Floats:
-    """Error of the largest force in both halves of every stance, as a part of the measured one, shape (m, 2)."""
+    """Largest force [body weights] in both halves of every whole stance, shape (m, 2)."""
     found = []
     for first, last in walk.steps():
-        begin, duration = walk.time[first], walk.time[last] - walk.time[first]
-        edges = [begin + part * duration for part in (LANDING, MIDDLE, 1.0)]
-        halves = [(walk.time >= since) & (walk.time < until) for since, until in pairwise(edges)]
-        found.append([force[half].max() / walk.total[half].max() - 1.0 for half in halves])
+        phase = (walk.time - walk.time[first]) / (walk.time[last] - walk.time[first])
+        halves = ((phase >= LANDING) & (phase < MIDDLE), (phase >= MIDDLE) & (phase < 1.0))
+        found.append([force[half].max() / walk.person.body_weight for half in halves])
     return np.array(found).reshape(-1, 2)
+
+
+def peak_errors(walk: Walk, force: Floats) -> Floats:
+    """Error of both peaks of every stance, as a part of the measured one, shape (m, 2)."""
+    return peaks(walk, force) / peaks(walk, walk.total) - 1.0
+
+
+def same_signs(found: Sequence[Estimate]) -> list[tuple[int, int]]:
+    """How often the estimate tells which of two strides of a session has the larger peak, and of how many pairs.
+
+    Asked for pairs whose measured peaks differ by `LEAST_CHANGE` or more; first peak, then second.
+    """
+    counts = [[0, 0], [0, 0]]
+    for key in dict.fromkeys(each.walk.key for each in found):
+        mine = [each for each in found if each.walk.key == key]
+        truth = np.concatenate([peaks(each.walk, each.walk.total) for each in mine])
+        guess = np.concatenate([peaks(each.walk, each.force) for each in mine])
+        for which in (0, 1):
+            for one, two in combinations(range(len(truth)), 2):
+                difference = truth[one, which] - truth[two, which]
+                if abs(difference) >= LEAST_CHANGE:
+                    counts[which][0] += int(
+                        difference * (guess[one, which] - guess[two, which]) > 0
+                    )
+                    counts[which][1] += 1
+    return [(right, asked) for right, asked in counts]
 
 
 class Estimate(NamedTuple):
@@ -149,40 +266,72 @@ class Estimate(NamedTuple):
     walk: Walk
     level: str
     how: str
-    """`OTHER_PERSON` or `OWN`"""
+    """`OTHERS`, `SENSORS`, `CURVE` or `OWN`"""
     values: tuple[float, ...]
     """Constants, see `FREE`"""
     force: Floats
     """Axial force [N], shape (n,)"""
 
 
-OTHER_PERSON, OWN = "other man", "own trials"
+OTHERS = "others"
+"""As shipped, with constants and mean curve of the other persons"""
+SENSORS = "others, sensors alone"
+"""The same without the expected load"""
+OWN = "own trials"
+"""As shipped, with constants of the person's other trials, and the mean curve of the other persons"""
+CURVE = "mean curve"
+"""The mean curve of the other persons alone"""
+WAYS = (SENSORS, OTHERS, OWN)
+CALIBRATED_AT = "knee_moment"
+"""Level at which a person's own constants are fitted"""
 
 
 def estimates(walks: Sequence[Walk]) -> list[Estimate]:
-    """Estimates of all walks at all levels: with constants of the other person, and of the person's other trials."""
+    """Estimates of all walks at all levels; nothing is chosen on the person that it is judged on."""
+    timed = on_time(walks, clocks(walks))
     found = []
-    for walk in walks:
-        others = [each for each in walks if each.person.name != walk.person.name]
-        own = [each for each in walks if each.person.name == walk.person.name and each is not walk]
-        shared = fitted(others, list(LOAD_LEVELS), DEFAULT.moment_arm_scale) if others else ()
-        for level in LOAD_LEVELS:
-            ways = [(OTHER_PERSON, shared)] if others else []
-            ways += [(OWN, fitted(own, [level]))] if own else []
-            found += [
-                Estimate(walk, level, how, values, axial(walk, level, constants(walk, values)))
-                for how, values in ways
+    for name in dict.fromkeys(walk.person.name for walk in walks):
+        others = [each for each in timed if each.person.name != name and each.movement == WALKING]
+        loads = mean_loads(others)
+        values = fitted(others, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
+        for walk in of(list(walks), name):
+            own = [
+                each
+                for each in timed
+                if (each.person.name, each.movement) == (name, walk.movement)
+                and each.name != walk.name
             ]
+            mine = fitted(own, [CALIBRATED_AT]) if own else ()
+            found.append(Estimate(walk, "", CURVE, (), curve(walk, loads)))
+            for level in LOAD_LEVELS:
+                shared = constants(walk, values)
+                found += [
+                    Estimate(walk, level, SENSORS, values, alone(walk, level, values)),
+                    Estimate(walk, level, OTHERS, values, axial(walk, level, shared, loads)),
+                ]
+                if mine:
+                    force = axial(walk, level, constants(walk, mine), loads)
+                    found.append(Estimate(walk, level, OWN, mine, force))
     return found
 
 
-def by_person(found: Sequence[Estimate], value: Callable[[Estimate], float]) -> dict[str, float]:
-    """Mean of a value over the walks of each person."""
-    names = dict.fromkeys(each.walk.person.name for each in found)
-    return {
-        name: float(np.mean([value(each) for each in found if each.walk.person.name == name]))
-        for name in names
-    }
+def by_session(found: Sequence[Estimate], value: Callable[[Estimate], float]) -> dict[str, float]:
+    """Mean of a value over the walks of each person's session."""
+    keys = dict.fromkeys(each.walk.key for each in found)
+    return {key: fmean(value(each) for each in found if each.walk.key == key) for key in keys}
+
+
+def person_mean(sessions: Mapping[str, float]) -> float:
+    """Mean over persons of the mean over each person's sessions."""
+    names = dict.fromkeys(key.split()[0] for key in sessions)
+    return fmean(
+        fmean(value for key, value in sessions.items() if key.split()[0] == name) for name in names
+    )
+
+
+def errors_of(found: Sequence[Estimate]) -> dict[str, float]:
+    """RMS errors [BW] of estimates by session."""
+    return by_session(found, lambda each: rms(each.walk, each.force))
 
 
 def covered(each: Estimate, deviation: AxialDeviation, stance: bool) -> tuple[float, float]:
@@ -204,14 +353,14 @@ def deviation_of(found: Sequence[Estimate]) -> AxialDeviation:
 
     def short(deviation: AxialDeviation) -> float:
         parts = [
-            by_person(found, lambda each, s=stance, w=which: covered(each, deviation, s)[w])  # type: ignore[misc]
+            person_mean(
+                by_session(found, lambda each, s=stance, w=which: covered(each, deviation, s)[w])  # type: ignore[misc]
+            )
             for stance in (True, False)
             for which in (0, 1)
         ]
-        wanted = [*WANTED, *WANTED]
         return sum(
-            max(want - float(np.mean(list(part.values()))), 0.0)
-            for part, want in zip(parts, wanted, strict=True)
+            max(want - part, 0.0) for part, want in zip(parts, (*WANTED, *WANTED), strict=True)
         )
 
     def size(deviation: AxialDeviation) -> float:

@@ -11,7 +11,13 @@ import pytest
 from knee_contact_ros.bags.answers import read_answers, read_bag
 from knee_contact_ros.bags.leg import POSE_PERIOD, description
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF, stamp_to_ns
+from knee_contact_ros.streams.topics import (
+    MESSAGE_TYPES,
+    ROBOT_DESCRIPTION,
+    TF,
+    stamp_to_ns,
+    types_of,
+)
 from tests.helpers.offline import solve
 
 
@@ -25,10 +31,7 @@ def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def test_the_thigh_is_where_the_answers_have_the_femur(recording: Path) -> None:
     answers = read_answers(recording)
     by_stamp = {int(answer["stamp"]): answer for answer in answers}
-    moves = [
-        message.message.transforms
-        for message in read_bag(recording, {f"/{TF}": MESSAGE_TYPES[TF]})
-    ]
+    moves = [message.message.transforms for message in read_bag(recording, types_of([TF]))]
     stamps = [stamp_to_ns(one.header.stamp) for (one,) in moves]
     assert (
         len({stamp // POSE_PERIOD for stamp in stamps})

@@ -55,14 +55,14 @@ def test_a_recording_is_computed_again_from_itself_alone(
         f"knee_contact: {{ros__parameters: {{femur: {{geometry: profile, profile: {profile}}}}}}}"
     )
     first, second, third = (tmp_path / f"{name}.mcap" for name in ("first", "second", "third"))
-    solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first)
+    solve(right_bag, load_parameters(["osteoarthritis", mine]), first)
     profile.unlink()
     assert run(f"solve {first} --output {second}") == 0
     assert f"those in {first.name}, made with knee_contact_ros" in capsys.readouterr().out
     assert messages(second) == messages(first)
     found = read_provenance(second)
     assert found is not None
-    assert found.parameters == load_parameters([config / "osteoarthritis.yaml", mine])
+    assert found.parameters == load_parameters(["osteoarthritis", mine])
     solve(second, found, third)
     assert messages(third) == messages(first)
     assert run(f"solve {first} --params healthy.yaml --output {tmp_path}/fourth.mcap") == 0
@@ -70,31 +70,28 @@ def test_a_recording_is_computed_again_from_itself_alone(
 
 
 def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
-    old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
+    old_recording: Path, right_bag: Path, tmp_path: Path
 ) -> None:
     found = read_provenance(old_recording)
     assert found is not None
     assert found.parameters.fidelity.force_tolerance == 0.0  # the default: it knew of none
     solve(old_recording, found, tmp_path / "again.mcap")
-    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "new.mcap")
+    solve(right_bag, load_parameters(["healthy"]), tmp_path / "new.mcap")
     assert messages(tmp_path / "again.mcap") == messages(tmp_path / "new.mcap")
 
 
 def test_the_record_names_package_model_parameters_and_source(
-    config: Path, right_bag: Path, tmp_path: Path
+    right_bag: Path, tmp_path: Path
 ) -> None:
     copied = tmp_path / "bag.mcap"
     shutil.copy(next(right_bag.glob("*.mcap")), copied)
-    solve(copied, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap")
+    solve(copied, load_parameters("healthy"), tmp_path / "out.mcap")
     record = dict(metadata(tmp_path / "out.mcap"))[PROVENANCE]
     assert record["source"] == "bag.mcap"
     assert record["source_sha256"] == hashlib.sha256(copied.read_bytes()).hexdigest()
     assert len(record["model_sha256"]) == 64
     parameters = json.loads(record["parameters"])
-    assert (
-        parameters["contact.stiffness"]
-        == load_parameters(config / "healthy.yaml").contact.stiffness
-    )
+    assert parameters["contact.stiffness"] == load_parameters("healthy").contact.stiffness
     assert not [name for name in parameters if name.startswith(("record", "rerun", "autostart"))]
 
 
@@ -178,15 +175,13 @@ def test_a_change_that_cannot_be_made_is_refused(
     )
 
 
-def test_a_cut_off_recording_has_its_parameters(
-    config: Path, right_bag: Path, tmp_path: Path
-) -> None:
-    solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap")
+def test_a_cut_off_recording_has_its_parameters(right_bag: Path, tmp_path: Path) -> None:
+    solve(right_bag, load_parameters("osteoarthritis"), tmp_path / "out.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "out.mcap").read_bytes()[:-5000])
     found = read_provenance(cut)
     assert found is not None
-    assert found.parameters == load_parameters(config / "osteoarthritis.yaml")
+    assert found.parameters == load_parameters("osteoarthritis")
 
 
 def test_a_later_file_alone_has_no_parameters(tmp_path: Path) -> None:

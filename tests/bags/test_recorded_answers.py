@@ -23,9 +23,9 @@ CONTACT = MESSAGE_TYPES["knee_contact"]
 
 
 @pytest.fixture(scope="module")
-def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("answers") / "osteoarthritic.mcap"
-    solve(right_bag, load_parameters([config / "osteoarthritis.yaml"]), path)
+    solve(right_bag, load_parameters(["osteoarthritis"]), path)
     return path
 
 
@@ -56,9 +56,9 @@ def message(stamp: int, frame: str) -> bytes:
 
 
 def test_recordings_from_before_a_field_stay_readable(
-    old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
+    old_recording: Path, right_bag: Path, tmp_path: Path
 ) -> None:
-    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "now.mcap")
+    solve(right_bag, load_parameters(["healthy"]), tmp_path / "now.mcap")
     old, now = read_answers(old_recording), read_answers(tmp_path / "now.mcap")
     assert old["stamp"].tolist() == now["stamp"].tolist()
     for name in MESSAGE_FIELDS:

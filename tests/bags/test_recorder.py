@@ -48,9 +48,9 @@ QUEUES = [MayWait(1000), MayWait(10**6, 2.2)]
 
 
 def test_a_recording_holds_what_solve_writes(
-    started: Started, right_bag: Path, config: Path, tmp_path: Path
+    started: Started, right_bag: Path, tmp_path: Path
 ) -> None:
-    parameters = load_parameters(config / "healthy.yaml")
+    parameters = load_parameters("healthy")
     pipeline = ContactPipeline(parameters, compiled=False)
     sink = started.recorder(
         tmp_path / "live.mcap", wait=False

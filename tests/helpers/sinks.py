@@ -32,17 +32,17 @@ from knee_contact_ros.streams.topics import (
     JOINT_STATES,
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
-    MESSAGE_TYPES,
     RECORDED,
     Ending,
     TickOutput,
+    types_of,
 )
 from knee_contact_ros.view.anatomy import outlines_of
 from knee_contact_ros.view.output import VIEWER_NICENESS, open_output
 from tests.helpers.answers import contact
 from tests.helpers.patience import patience, wait_until
 
-TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+TYPES = types_of(RECORDED)
 MODEL = ContactPipeline(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = RecorderSettings(0.02)

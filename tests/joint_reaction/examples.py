@@ -15,8 +15,8 @@ from knee_contact_ros.joint_reaction.leg import (
 )
 from knee_contact_ros.joint_reaction.muscles import Person
 
-PERSON = Person(75.0, 1.8, 0.9, 0.2, 0.05, 0.0)
-"""Of muscles that pull at once"""
+PERSON = Person(75.0, 1.8, 0.9, 0.2, 0.05, 0.0, 0.0)
+"""Of muscles that pull at once, by the sensors alone"""
 LEG = leg_of(PERSON.mass, PERSON.height)
 MS = 1_000_000
 """[ns]"""

@@ -15,7 +15,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.sweep import sweep
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
-from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import LOAD_INPUTS, types_of
 from tests.helpers.bags import raw_messages
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
@@ -359,7 +359,7 @@ body_weight: 700
 side: left
 """
     assert importing(table, text, files=("cells.csv", plate)) == 0
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
+    types = types_of(LOAD_INPUTS)
     messages = raw_messages(Path("bag"), types)
     grounds = [
         WRENCH.decode_message(m.data) for m in messages if m.topic == "/ground_reaction_force"
@@ -505,7 +505,8 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
     assert importing(None, text, files=["walk.c3d"]) == 0
     angles, forces = content()
     np.testing.assert_allclose(angles_of(angles), flexion(time), atol=1e-4)
-    np.testing.assert_allclose(loads_of(forces), load(time), atol=1e-3)
+    # A mean over two frames lowers what varies at 1.8 Hz by 0.3 %; at the ends nothing is beyond.
+    np.testing.assert_allclose(loads_of(forces)[1:-1], load(time)[1:-1], atol=5.0)
     assert stamps_of(forces) == np.rint(1e9 * time).astype(int).tolist()
 
 

@@ -105,6 +105,10 @@ def sentences_about(
             lambda t, q, load: (t[::40], q[::40], load[::40]),
             "s apart, and the load changes by",
         ),
+        (
+            lambda t, q, load: (t / 7.0, q, load),
+            "rad/s (at ",
+        ),
     ],
 )
 def test_an_implausible_input_is_reported_in_one_sentence(
@@ -123,6 +127,27 @@ def test_two_thousand_gaits_are_not_doubted() -> None:
         assert sentences_about(time, angle, 0.25 * load) == [], (
             seed
         )  # half of it borne by an exoskeleton
+
+
+def test_a_net_joint_force_is_no_contact_load() -> None:
+    """It is the ground's force and the shank's weight; the contact force of the same knee has muscles, too."""
+    time, angle, load = gait()
+    stamps = np.rint(1e9 * time).astype(np.int64)
+    net = 1.1 * WEIGHT * load / load.max()
+    for share, loads, doubted in (
+        (1.0, net, True),
+        (0.5, 0.5 * net, True),
+        (1.0, load, False),
+        (0.5, 0.5 * load, False),
+        (None, net, False),
+        (1.0, np.maximum(net, 0.9 * WEIGHT), False),
+    ):
+        seen = InputCheck(WEIGHT, share=share)
+        seen.add_samples(stamps, angle, loads)
+        assert [("no muscle forces" in each) for each in seen.sentences] == [True] * doubted
+    slow = InputCheck(WEIGHT, share=0.5)
+    slow.add_samples(stamps, angle, 5.5 * WEIGHT * load / load.max())
+    assert "beyond 3500 N" in slow.about_load  # 11 body weights in the whole knee
 
 
 def axes(forces: np.ndarray, turned_by: str = "") -> str:

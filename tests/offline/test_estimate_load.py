@@ -24,15 +24,15 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES, types_of
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.commands import run
 from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 
-TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
-INPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_INPUTS}
+TYPES = types_of(LOAD_RECORDED)
+INPUTS = types_of(LOAD_INPUTS)
 REACTION, ESTIMATE = list(TYPES)[2:]
 WALK = walk()
 

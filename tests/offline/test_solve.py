@@ -20,11 +20,11 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import EACH_TICK, types_of
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.offline import solve
 
-OUTPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
+OUTPUTS = types_of(EACH_TICK)
 
 
 def make_bag(

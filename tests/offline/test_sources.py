@@ -18,7 +18,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE_TYPE
 from knee_contact_ros.streams.frames import FORCE_TURNED, TF_MESSAGE, TF_STATIC
-from knee_contact_ros.streams.topics import MESSAGE_TYPES
+from knee_contact_ros.streams.topics import types_of
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap, raw_messages
 from tests.helpers.offline import solve
@@ -129,7 +129,7 @@ FORCE = (
 
 
 def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
-    return [one.data for one in raw_messages(path, {f"/{topic}": MESSAGE_TYPES[topic]})]
+    return [one.data for one in raw_messages(path, types_of([topic]))]
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import re
 import warnings
 from collections.abc import Callable
@@ -17,6 +18,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.curves import MAX_CURVE_POINTS, MAX_CURVE_SIZE
 from knee_contact_ros.parameters.files import (
     check_file,
@@ -341,7 +343,7 @@ SLOPED = "ros__parameters: {tibia.slope: 0.1}\n"
         (Parameters, ALL_NODES + "{tibia.slop: 0.1}", r"unknown parameter tibia\.slop"),
         (LoadParameters, f"{LEG}{{knee.joint_name: k}}\n{LEG.replace('l', 'r', 1)}{{}}", ""),
         (LoadParameters, LEG + "{level: ankle_moment}", "parameter level: 'ankle_moment' is not"),
-        (LoadParameters, ALL_NODES + "{body_weight: 588.4}", "unknown parameter body_weight; "),
+        (LoadParameters, ALL_NODES + "{femur.mass: 9.0}", "unknown parameter femur.mass; "),
     ],
 )
 def test_knees_may_share_a_file(
@@ -484,3 +486,54 @@ def test_a_femur_that_leaves_the_plateau_is_reported(
     assert [bool(re.search(words, str(each.message))) for each in caught] == (
         [True] if words else []
     )
+
+
+PERSON = {"person.mass": 92.0, "knee": {"joint_name": "motor", "sign": -1.0, "offset": 0.1}}
+"""What is entered once for both nodes, under the names of the load node"""
+
+
+def sections_of(draw: random.Random) -> dict[str, Any]:
+    """A file's content: the person and the encoder in a section of one node, or of both, under either's names."""
+    as_contact = {
+        "body_weight": 92.0 * GRAVITY,
+        "knee": {"joint_name": "motor", "flexion_sign": -1.0, "flexion_offset": 0.1},
+    }
+    section = draw.choice(
+        ("/**", "knee_load", "knee_contact", "/**/knee_load", "/**/knee_contact")
+    )
+    own = as_contact if "contact" in section or draw.random() < 0.5 else PERSON
+    content: dict[str, Any] = {section: {"ros__parameters": dict(own)}}
+    for node, values in (
+        ("knee_load", {"person.height": 1.9}),
+        ("knee_contact", {"drive": "force"}),
+    ):
+        place = content.setdefault(node, {"ros__parameters": {}})["ros__parameters"]
+        if "/" in section or node != section:
+            place |= values
+    return content
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_person_and_encoder_are_entered_once_for_both_nodes(seed: int) -> None:
+    content = sections_of(random.Random(seed))
+    contact = load_parameters(content)
+    load = load_parameters(content, LoadParameters)
+    assert contact.body_weight == pytest.approx(load.person.mass * GRAVITY, rel=1e-12)
+    assert load.person.mass == pytest.approx(92.0, rel=1e-12)
+    for knee, sign, offset in (
+        (contact.knee, contact.knee.flexion_sign, contact.knee.flexion_offset),
+        (load.knee, load.knee.sign, load.knee.offset),
+    ):
+        assert (knee.joint_name, sign, offset) == ("motor", -1.0, 0.1)
+
+
+def test_mass_and_weight_check_each_other_and_encoders_may_differ() -> None:
+    content = {
+        "knee_load": {"ros__parameters": dict(PERSON)},
+        "knee_contact": {"ros__parameters": {"body_weight": 737.068}},
+    }
+    for schema in (Parameters, LoadParameters):
+        with pytest.raises(UsageError, match=r"not allowed beside .*give one of them"):
+            load_parameters(content, schema)
+    content["knee_contact"] = {"ros__parameters": {"knee.joint_name": "another"}}
+    assert load_parameters(content).knee.flexion_sign == 1.0

@@ -33,7 +33,7 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.model.kernel import library
-from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import KNEE_CONTACT, types_of
 from knee_contact_ros.system.processes import DEATH_SIGNAL_PREFIX
 from knee_contact_ros.system.ros import make_executor, private_graph
 from tests.helpers.bags import raw_messages
@@ -252,7 +252,7 @@ class Peer:
 
 def raw(path: Path, topics: Iterable[str]) -> list[RawMessage]:
     """The messages of some topics in a recording."""
-    return raw_messages(path, {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics})
+    return raw_messages(path, types_of(topics))
 
 
 def answers_in(path: Path) -> list[KneeContact]:
@@ -300,9 +300,10 @@ def set_parameters(
     return result.successful, result.reason
 
 
-def change_state(peer: Peer, transition: int, node: str = "knee_contact") -> bool:
-    """Ask the node for a transition of its life cycle; whether it succeeded."""
-    request = ChangeState.Request(transition=Transition(id=transition))
+def change_state(peer: Peer, transition: int | str, node: str = "knee_contact") -> bool:
+    """Ask the node for a transition of its life cycle, by number or name; whether it succeeded."""
+    field = "label" if isinstance(transition, str) else "id"
+    request = ChangeState.Request(transition=Transition(**{field: transition}))
     return bool(call(peer, ChangeState, f"/{node}/change_state", request).success)
 
 

@@ -258,8 +258,6 @@ FAULTS = [
     Fault(
         "joint missing",
         lambda p, t: p.send_angle(t, 0.2, joint="elbow"),
-        ("joint_missing",),
-        REJECTED,
     ),
     Fault(
         "fewer positions than names",

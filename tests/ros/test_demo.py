@@ -16,7 +16,7 @@ import pytest
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORDED, types_of
 from knee_contact_ros.view.output import DISPLAY_VARIABLES
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
 from tests.helpers.offline import solve
@@ -41,7 +41,7 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def recorded(path: Path, topics: Sequence[str] = RECORDED) -> list[tuple[str, int, str]]:
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics}
+    types = types_of(topics)
     return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, types)]
 
 

@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import psutil
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import State
 
 import knee_contact_ros
 from knee_contact_ros.model.types import Status
@@ -41,15 +41,15 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     assert set_parameter("contact.damping", 0.0) == (True, "")
     assert set_parameter("femur.profile", "nowhere.csv") == (True, "")
     assert set_parameter("femur.geometry", "profile") == (True, "")
-    assert not change_state(peer, Transition.TRANSITION_CONFIGURE)  # there is no such profile
+    assert not change_state(peer, "configure")  # there is no such profile
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert set_parameter("femur.geometry", "circle") == (True, "")
-    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
+    assert change_state(peer, "configure")
     refusal = (
         "parameter femur.geometry cannot change while the node is configured, only after a cleanup"
     )
     assert set_parameter("femur.geometry", "profile") == (False, refusal)
-    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    assert change_state(peer, "activate")
     peer.wait_for_node()
     peer.send_series()
     undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(
@@ -58,23 +58,23 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     assert undamped.penetration_depth.tolist() == [
         contact.penetration_depth for contact in peer.contacts
     ]
-    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    assert change_state(peer, "deactivate")
     assert state_of(peer) == State.PRIMARY_STATE_INACTIVE
     peer.wait_until(lambda: not peer.force.get_subscription_count())
-    assert change_state(peer, Transition.TRANSITION_CLEANUP)
+    assert change_state(peer, "cleanup")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["first.mcap", "metadata.yaml"]
     assert not psutil.Process(node.process.pid).children()
     peer.wait_until(lambda: not peer.node.count_publishers("knee_contact"))
     assert set_parameter("tibia.slope", 0.0) == (True, "")
     assert set_parameter("record.path", str(tmp_path / "second.mcap")) == (True, "")
-    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
-    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    assert change_state(peer, "configure")
+    assert change_state(peer, "activate")
     peer.wait_for_node()
     peer.contacts.clear()
     peer.wrenches.clear()
     peer.send_series()
     assert peer.contacts[0].status == 0
-    assert change_state(peer, Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert change_state(peer, "shutdown")
     assert state_of(peer) == State.PRIMARY_STATE_FINALIZED
     first = answers_in(tmp_path / "first.mcap")
     assert [answer.penetration_depth for answer in first] == undamped.penetration_depth.tolist()
@@ -92,7 +92,7 @@ def test_time_may_have_gone_anywhere_while_the_node_was_inactive(
     for number, begin in enumerate(begins):
         stamps = [begin + i * 5 * MILLISECOND for i in range(10)]
         if number:
-            for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+            for transition in ("deactivate", "activate"):
                 assert change_state(peer, transition)
             peer.wait_for_node()
             peer.contacts.clear()
@@ -117,11 +117,11 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(
 ) -> None:
     override = "qos_overrides./joint_states.subscription.depth"
     node = start_node("autostart:=false", f"{override}:=seven")
-    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
-    assert not change_state(peer, Transition.TRANSITION_ACTIVATE)
+    assert change_state(peer, "configure")
+    assert not change_state(peer, "activate")
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
-    assert change_state(peer, Transition.TRANSITION_CONFIGURE)
-    assert change_state(peer, Transition.TRANSITION_CLEANUP)
+    assert change_state(peer, "configure")
+    assert change_state(peer, "cleanup")
     assert (
         f"cannot listen: parameter {override}: 'seven' is not allowed; it must be a whole number"
         in node.stop()
@@ -147,9 +147,9 @@ def test_forces_that_wait_are_answered_before_the_streams_are_left(
     assert trigger(peer, "reset")[0]
     peer.wait_until(lambda: len(peer.contacts) == 2)
     leave_one_waiting(200 * MILLISECOND)
-    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    assert change_state(peer, "deactivate")
     peer.wait_until(lambda: len(peer.contacts) == 4)
-    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
+    assert change_state(peer, "activate")
     peer.wait_for_node()
     leave_one_waiting(400 * MILLISECOND)
     node.stop(signal.SIGTERM)

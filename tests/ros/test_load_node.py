@@ -11,7 +11,8 @@ import psutil
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import LoadEstimate
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import State
+from rcl_interfaces.srv import GetParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -25,7 +26,16 @@ from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED
 from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, WHOLE_LEG, walk, walking_bag
-from tests.ros.conftest import Peer, Start, answers_in, change_state, raw, set_parameters, state_of
+from tests.ros.conftest import (
+    Peer,
+    Start,
+    answers_in,
+    call,
+    change_state,
+    raw,
+    set_parameters,
+    state_of,
+)
 
 NODE = "knee_load"
 REACTION, ESTIMATE = (f"/{topic}" for topic in LOAD_RECORDED[2:])
@@ -40,6 +50,7 @@ class LegPeer(Peer):
 
     def __init__(self) -> None:
         super().__init__()
+        self.node.destroy_publisher(self.force)  # the node publishes that
         qos = QoSProfile(depth=1000)
         self.ground = self.node.create_publisher(WrenchStamped, FORCE, qos)
         self.heard: dict[str, list[bytes]] = {REACTION: [], ESTIMATE: []}
@@ -56,13 +67,10 @@ class LegPeer(Peer):
             lambda: self.angle.get_subscription_count() and self.ground.get_subscription_count()
         )
         self.wait_until(
-            lambda: (
-                all(
-                    self.node.count_publishers(topic)
-                    for topic in ("load_estimate", "/diagnostics")
-                )
-                and self.node.count_publishers(REACTION) > 1
-            )  # this peer is one
+            lambda: all(
+                self.node.count_publishers(topic)
+                for topic in ("load_estimate", "/diagnostics", REACTION)
+            )
         )
 
     def send_sensed(self, messages: list[RawMessage]) -> None:
@@ -71,6 +79,16 @@ class LegPeer(Peer):
         for message in messages:
             (self.angle if message.topic == ANGLES else self.ground).publish(message.data)
         self.wait_until(lambda: len(self.heard[ESTIMATE]) == len(self.heard[REACTION]) == forces)
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    """This process's side of the graph, which does not publish what the node publishes."""
+    peer = Peer()
+    peer.node.destroy_publisher(peer.force)
+    yield peer
+    peer.executor.shutdown()
+    peer.node.destroy_node()
 
 
 @pytest.fixture
@@ -152,16 +170,16 @@ def test_the_life_cycle_and_what_changes_meanwhile(
         True,
         "",
     )
-    assert change_state(leg, Transition.TRANSITION_CONFIGURE, NODE)
-    assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE)
+    assert change_state(leg, "configure", NODE)
+    assert change_state(leg, "activate", NODE)
     leg.wait_for_load_node()
     leg.send_sensed(WALK[:80])
     fixed = "parameter level cannot change while the node is configured, only after a cleanup"
     assert set_parameters(leg, {"person.tone": 0.3, "level": "auto"}, f"/{NODE}") == (False, fixed)
     assert set_parameters(leg, {"person.tone": 0.6}, f"/{NODE}") == (True, "")
     leg.send_sensed(WALK[80:])
-    assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE)
-    assert change_state(leg, Transition.TRANSITION_CLEANUP, NODE)
+    assert change_state(leg, "deactivate", NODE)
+    assert change_state(leg, "cleanup", NODE)
     assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
     assert not psutil.Process(node.process.pid).children()
     values = WHOLE_LEG | at_once | {"person.mass": 80.0, "level": "knee_moment"}
@@ -178,7 +196,7 @@ def test_the_life_cycle_and_what_changes_meanwhile(
         {"total": "0"},
     )
     assert set_parameters(leg, {"level": "auto"}, f"/{NODE}") == (True, "")
-    assert change_state(leg, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, NODE)
+    assert change_state(leg, "shutdown", NODE)
     node.stop()
 
 
@@ -194,15 +212,15 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     leg.wait_until(lambda: leg.node.count_publishers(KNEE_CONTACT))
     leg.send_sensed(WALK[:40])
     leg.wait_until(lambda: len(leg.contacts) == 20)
-    assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE_CONTACT)
+    assert change_state(leg, "deactivate", NODE_CONTACT)
     leg.send_sensed(WALK[40:80])
-    assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE_CONTACT)
+    assert change_state(leg, "activate", NODE_CONTACT)
     leg.send_sensed(WALK[80:100])
     leg.wait_until(lambda: len(leg.contacts) == 30)
-    assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE_CONTACT)
-    assert change_state(leg, Transition.TRANSITION_CLEANUP, NODE_CONTACT)
-    assert change_state(leg, Transition.TRANSITION_CONFIGURE, NODE_CONTACT)
-    assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE_CONTACT)
+    assert change_state(leg, "deactivate", NODE_CONTACT)
+    assert change_state(leg, "cleanup", NODE_CONTACT)
+    assert change_state(leg, "configure", NODE_CONTACT)
+    assert change_state(leg, "activate", NODE_CONTACT)
     leg.send_sensed(WALK[100:])
     leg.wait_until(lambda: len(leg.contacts) == 60)
     loads = offline(tmp_path, WALK, WHOLE_LEG)
@@ -212,3 +230,34 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     assert leg.contacts[:20] == answers[:20]
     assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]
     node.stop()
+
+
+def test_both_nodes_take_person_and_encoder_from_one_section_and_say_what_nobody_set(
+    peer: Peer, start_node: Start, tmp_path: Path
+) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(
+        "knee_load:\n  ros__parameters:\n    person.mass: 92.0\n    knee: {joint_name: motor, sign: -1.0}\n"
+        "knee_contact:\n  ros__parameters:\n    load.share: 0.6\n"
+    )
+    node = start_node("--params-file", file, kind="load --with-contact")
+    wanted = ["body_weight", "knee.joint_name", "knee.flexion_sign"]
+    peer.client(GetParameters, "/knee_contact/get_parameters")
+    found = call(
+        peer, GetParameters, "/knee_contact/get_parameters", GetParameters.Request(names=wanted)
+    ).values
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
+    assert found[0].double_value == pytest.approx(92.0 * 9.80665)
+    assert [found[1].string_value, found[2].double_value] == ["motor", -1.0]
+    said = node.stop()
+    assert "nobody has set person.height (1.75 m is used)" in said
+    assert "body_weight" not in said
+
+    said = start_node("--params-file", file, "body_weight:=700.0").end()[1]
+    assert "body_weight: 700 is not allowed beside person.mass 92" in said
+    alone = start_node("person.mass:=92.0")
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
+    assert "nobody" not in alone.stop()
+    alone = start_node()
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
+    assert "nobody has set body_weight (737.068 N is used)" in alone.stop()

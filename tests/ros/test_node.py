@@ -18,11 +18,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from knee_contact_ros.msg import KneeContact
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
 
 import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES, recorded_topics
+from knee_contact_ros.streams.topics import EACH_TICK, recorded_topics, types_of
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.system.ros import NO_EVENTS_EXECUTOR
 from tests.helpers.answers import FIELDS
@@ -112,8 +113,17 @@ def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
     peer.wait_until(
         lambda: "silent for" in peer.problems.get("knee_contact: joint_reaction_force", "")
     )
+    other = peer.node.create_publisher(Float64, "/exo/joint_states", 10)
     peer.spin(6.0)  # the log names it after 5 s
+    peer.wait_until(
+        lambda: (
+            "std_msgs/msg/Float64 is published there"
+            in peer.problems["knee_contact: joint_states"]
+        )
+    )
     output = node.stop()
+    peer.node.destroy_publisher(other)
+    assert "write knee.source: joint_states std_msgs/Float64 data on arrival" in output
     assert "listening to /exo/joint_states and /joint_reaction_force" in output
     assert output.count("nothing received on /exo/joint_states") == 1
 
@@ -280,9 +290,7 @@ def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path:
         "bag_0.mcap",
         "metadata.yaml",
     ]
-    messages = read_bag(
-        recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
-    )
+    messages = read_bag(recording.parent, types_of(EACH_TICK))
     count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in EACH_TICK}
     assert count == {
         "/joint_states": 41,

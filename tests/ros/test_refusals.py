@@ -69,8 +69,8 @@ REFUSED = [
     ),
     (
         BOTH,
-        "-p person.mass:=70.0",
-        "knee_contact: unknown parameter person.mass; did you mean femur.mass?",
+        "-p person.height:=1.8",
+        "knee_contact: unknown parameter person.height",
     ),
     (
         BOTH,

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -354,14 +353,14 @@ PACE = re.compile("deadline|behind|wait for the other topic|silent for|no answer
 
 def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> None:
     """Send a walk to a node that begins anew, when each side has heard that the other one is there again."""
-    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    assert change_state(peer, "deactivate")
     peer.wait_until(
         lambda: not peer.angle.get_subscription_count() and not peer.force.get_subscription_count()
     )
     for transition in (
-        Transition.TRANSITION_CLEANUP,
-        Transition.TRANSITION_CONFIGURE,
-        Transition.TRANSITION_ACTIVATE,
+        "cleanup",
+        "configure",
+        "activate",
     ):
         assert change_state(peer, transition)
     peer.wait_for_node()

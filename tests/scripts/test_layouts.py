@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, RECORDED, types_of
 from scripts.make_layouts import LANES, PLOTS, files
 from tests.helpers.offline import solve
 
@@ -27,17 +27,17 @@ SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
 
 
 @pytest.fixture(scope="module")
-def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Gait, solved."""
     path = tmp_path_factory.mktemp("layouts") / "gait.mcap"
-    solve(right_bag, load_parameters([config / "healthy.yaml"]), path)
+    solve(right_bag, load_parameters(["healthy"]), path)
     return path
 
 
 @pytest.fixture(scope="module")
 def messages(recording: Path) -> dict[str, Any]:
     """A message of each topic that is plotted."""
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+    types = types_of(RECORDED)
     return {message.topic: message.message for message in read_bag(recording, types)}
 
 

@@ -28,10 +28,10 @@ PEAK = 2_430_000_000
 
 
 @pytest.fixture(scope="module")
-def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The right leg's gait in an osteoarthritic knee, whose name Rerun does not take as it is."""
     path = tmp_path_factory.mktemp("direct") / "gait 2354.right.mcap"
-    parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
+    parameters = load_parameters(["osteoarthritis", "mri_femur"])
     solve(right_bag, parameters, path)
     return path
 

@@ -16,7 +16,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.types import FLAT, ROW, Rows, Status
+from knee_contact_ros.model.types import FLAT, MAX_SURFACE_GAP, ROW, Rows, Status
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
@@ -28,7 +28,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
+from knee_contact_ros.streams.topics import recorded_topics, types_of
 from tests.helpers.offline import solve
 from tests.helpers.scenes import quick
 
@@ -171,13 +171,13 @@ def test_a_recording_that_begins_in_a_motion_is_unknown_at_first() -> None:
     _, (rows,) = one_by_one(pipeline)
     unknown = rows["status"] & Status.NOT_CONVERGED != 0
     assert unknown[0]
-    assert rows["error_estimate"][0] == pipeline.model.plausible_depth
+    assert rows["error_estimate"][0] == pipeline.model.plausible_depth + MAX_SURFACE_GAP
 
 
 def test_a_recording_of_both_is_computed_again_from_itself(
     right_bag: Path, tmp_path: Path
 ) -> None:
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in recorded_topics(has_both=True)}
+    types = types_of(recorded_topics(has_both=True))
     parameters = load_parameters(
         ["healthy", "both_compartments", {"lateral.contact.damping": 900.0}]
     )

@@ -17,24 +17,22 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(scope="session")
-def osteoarthritic(
-    config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def osteoarthritic(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of the osteoarthritic knee with its MRI profile."""
     path = tmp_path_factory.mktemp("recordings") / "osteoarthritic.mcap"
-    parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
+    parameters = load_parameters(["osteoarthritis", "mri_femur"])
     solve(right_bag, parameters, path)
     return path
 
 
 @pytest.fixture(scope="package")
-def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, Rows]:
+def knee(right_bag: Path) -> tuple[KneeOutlines, Rows]:
     """The same knee, and its gait."""
     from knee_contact_ros.view.anatomy import outlines_of
     from tests.view.scenes import WEIGHT, answered
 
     stream = ContactPipeline(
-        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]),
+        load_parameters(["osteoarthritis", "mri_femur"]),
         compiled=False,
     )
     rows = answered(stream, right_bag)

@@ -382,7 +382,7 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
     profiles = [
         {"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")
     ]
-    models = [load_model([config / "mri_femur.yaml", profile]) for profile in profiles]
+    models = [load_model(["mri_femur", profile]) for profile in profiles]
 
     def sizes(drawing: KneeOutlines) -> tuple[float, float]:
         """Widths of the femur's shaft and of the tibia [m]."""

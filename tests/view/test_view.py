@@ -60,10 +60,10 @@ ANSWERS = MESSAGE_TYPES["knee_contact"]
 
 
 def test_a_recording_looks_as_it_did_live(
-    osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path
+    osteoarthritic: Path, right_bag: Path, tmp_path: Path
 ) -> None:
     stream = ContactPipeline(
-        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]),
+        load_parameters(["osteoarthritis", "mri_femur"]),
         compiled=False,
     )
     now, then = tmp_path / "live.rrd", tmp_path / "later.rrd"
@@ -160,11 +160,9 @@ def test_namespaces_are_knees(
     )
 
 
-def test_notes_of_the_node_stand_at_their_time(
-    right_bag: Path, config: Path, tmp_path: Path
-) -> None:
+def test_notes_of_the_node_stand_at_their_time(right_bag: Path, tmp_path: Path) -> None:
     """With the line where bone begins."""
-    parameters = load_parameters([config / "osteoarthritis.yaml"])
+    parameters = load_parameters(["osteoarthritis"])
     stream = ContactPipeline(parameters, compiled=False)
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))

@@ -15,7 +15,7 @@ from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
 from knee_contact_ros.lab.opensim import results, run
-from knee_contact_ros.lab.opensim.quality import assess, verdict
+from knee_contact_ros.lab.opensim.quality import DO_NOT_TRUST, assess, verdict
 from knee_contact_ros.lab.opensim.results import (
     LEFT,
     RIGHT,
@@ -90,11 +90,16 @@ def run_import_opensim(
             own, record, lines = _run_tools(setup, chosen, folder, ground)
         files = Files(**own)
         gaits = {bag: read_knee(name, files, settings, temporary) for name, bag in bags.items()}
+        warnings = [line for line in lines if line.startswith(DO_NOT_TRUST)]
+        gaits = {
+            bag: gait._replace(doubts=[*gait.doubts, *warnings]) for bag, gait in gaits.items()
+        }
         used = {name: path for name, path in own.items() if path}
         record = {"settings": json.dumps(settings._asdict())} | record
         gait_bag.store(gaits, "OpenSim results", used, record, temporary)
     for line in lines:
-        say(line, hang=2 if line.startswith("-") else 0)
+        if line not in warnings:  # which are told with the doubts
+            say(line, hang=2 if line.startswith("-") else 0)
 
 
 def _check_without_setup(own: dict[str, Any], has_options: bool, ground: str | None) -> None:

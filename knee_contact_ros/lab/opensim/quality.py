@@ -38,6 +38,9 @@ _MARKER_ERRORS = {
 _PELVIS = "pelvis"
 """Beginning of the names of coordinates whose actuators are residuals"""
 
+DO_NOT_TRUST = "Do not trust"
+"""Beginning of the verdict on values above their limits"""
+
 
 class Check(NamedTuple):
     """Quantity of a run and its limit."""
@@ -118,7 +121,7 @@ def verdict(found: Sequence[Check]) -> list[str]:
     text = "Residuals, reserves and markers are within the limits in the literature (doi:10.1115/1.4029304)."
     if above:
         text = (
-            "Do not trust these results before you know why these values exceed the limits in the literature "
+            f"{DO_NOT_TRUST} these results before you know why these values exceed the limits in the literature "
             f"(doi:10.1115/1.4029304): {above}."
         )
     return [*(f"- {check.sentence()}" for check in found), text]

@@ -36,6 +36,7 @@ from knee_contact_ros.offline.bag_parameters import (
     resolved_parameters,
     weight_doubt,
 )
+from knee_contact_ros.offline.held_answers import doubt_of
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters import files
@@ -55,6 +56,7 @@ from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import check_distinct, parameter_file
 from knee_contact_ros.system.progress import Bar
+from knee_contact_ros.system.terminal import warn
 
 GivenParameters = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""
@@ -336,8 +338,16 @@ class _Source(NamedTuple):
         else:
             given = _source_names(self.options.parameters)
             origin = f"Recorded without its parameters; {given} is taken for body weight and law."
+            if doubt := self._doubt(topics[0]):
+                warn([doubt])
+                origin += f" {doubt}."
         runs = [_read_run(self.bag, topic, self._basis, self.bar) for topic in topics]
         return [run._replace(origin=origin) for run in runs]
+
+    def _doubt(self, topic: str) -> str:
+        """Sentence that the parameters are not those of the recorded answers."""
+        own, texts = compartment_of_topic(topic, self.assumed, file_contents(self.assumed))
+        return doubt_of(self.bag, topic, build_model(own, curves=texts))
 
     def _solved_runs(self, names: Names) -> list[ReportRun]:
         """Solve a bag."""
@@ -407,7 +417,8 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
         model = build_model(own, curves=texts)
     except UsageError:  # a file that the parameters name is missing
         own, _ = compartment_of_topic(topic, resolved_parameters(basis), {})
-    doubts = doubts_about(own, model) if model else Doubts()
+    doubts = doubts_about(own, model, is_lateral(topic)) if model else Doubts()
+    doubts.about_import = bag.doubts
     doubts.inputs.load_driven = own.drive != "displacement"
     has_readouts = stored and not stored.changes and model and model.patch
     ringing = Ringing(model) if model and stored and not stored.changes else None

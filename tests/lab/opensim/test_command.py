@@ -40,7 +40,7 @@ def origin(bag: Path) -> dict[str, str]:
 
 
 def test_a_bag_comes_out_that_solve_takes(
-    results: list[str], config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = tmp_path / "walk"
     assert main([*results, "--side", "right", "--output", str(bag)]) == 0
@@ -61,7 +61,7 @@ def test_a_bag_comes_out_that_solve_takes(
     assert (messages[0].topic, messages[1].topic) == ("/joint_states", "/joint_reaction_force")
     assert list(messages[0].message.name) == ["knee"]
     assert messages[1].message.header.frame_id == "tibia_r"
-    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap")
+    summary = solve(bag, load_parameters("healthy"), tmp_path / "out.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (241, 0, 0)
     assert summary.peaks["load"].load == pytest.approx(900.0, rel=1e-9)
 

@@ -343,7 +343,7 @@ def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
         assert stored.parameters.contact.law == "two_layer_viscoelastic"
 
 
-def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
+def test_a_model_takes_a_tibia(tmp_path: Path) -> None:
     """Its origin lies on the surface, however high the mesh does."""
     points, triangles = swept(tibial_curve())
     mesh = saved(tmp_path / "tibia.ply", (points - np.array([0.0, 0.023, 0.0]), triangles))
@@ -367,7 +367,7 @@ def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
     assert np.interp(0.0, x, y) == pytest.approx(
         0.0, abs=1e-6
     )  # between points 0.75 mm apart on a radius of 95 mm
-    model = load_model([config / "healthy.yaml", output.with_suffix(".yaml")])
+    model = load_model(["healthy", output.with_suffix(".yaml")])
     assert (
         model.run(
             np.array([0.0, 0.01]), np.array([0.1, 0.2]), np.array([800.0, 800.0])

@@ -25,12 +25,10 @@ def bags(config: Path) -> tuple[Path, Path]:
 
 
 @pytest.fixture(scope="session")
-def recording(
-    tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path], config: Path
-) -> Path:
+def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> Path:
     """The right knee as we record it."""
     path = tmp_path_factory.mktemp("recording") / "knee.mcap"
-    parameters = load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}])
+    parameters = load_parameters(["osteoarthritis", {"body_weight": 700.0}])
     solve(bags[0], parameters, path)
     return path
 

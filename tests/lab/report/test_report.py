@@ -25,7 +25,7 @@ from knee_contact_ros.lab.report.gathered import (
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, types_of
 from knee_contact_ros.view.picture import png_figure
 from tests.helpers.bags import raw_messages
 from tests.helpers.offline import solve
@@ -243,7 +243,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(
     """Somebody else's recorder stores the messages, and no parameters."""
     path = tmp_path / "both.mcap"
     topics = (topic for topic in EACH_TICK if topic != KNEE_CONTACT_WRENCH)
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics}
+    types = types_of(topics)
     with BagWriter(path) as bag:
         for side in ("left", "right"):
             for topic, name in types.items():

@@ -1,0 +1,107 @@
+"""C3D files of motion capture as tables: points, analog channels at the times of the points, and their units."""
+
+from __future__ import annotations
+
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.lab.headers import Header
+from knee_contact_ros.model.types import Floats
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import require
+
+_KINDS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Parameters of the group POINT that list what a program computed; each has its unit, such as ANGLE_UNITS"""
+
+
+def c3d_header(path: Path) -> Header:
+    """Read the points of a C3D file, as RKneeAngles.X, and its analog channels at the times of the points.
+
+    Raises:
+        UsageError: the file cannot be read, or has another number of names than of columns.
+    """
+    require("c3d", "ezc3d")
+    import ezc3d
+
+    try:
+        read: Any = ezc3d.c3d(str(path))
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UsageError(f"cannot read {path}: {error}") from None
+    points = read["data"]["points"][:3]
+    analogs = read["data"]["analogs"][0]
+    timing = read["header"]["points"]
+    rows = points.shape[2]
+    if not rows:
+        raise UsageError(f"{path} has no points over time")
+    point, analog = read["parameters"]["POINT"], read["parameters"]["ANALOG"]
+    labels = _names(path, point, "points", points.shape[1])
+    channels = _names(path, analog, "analog channels", len(analogs))
+    columns = [
+        (timing["first_frame"] + np.arange(rows)) / timing["frame_rate"],
+        *points.transpose(1, 0, 2).reshape(-1, rows),
+        *_at_frames(analogs, rows),
+    ]
+    stems = [label.rpartition(":")[2] for label in labels]
+    names = [f"{stem}.{axis}" for stem in stems for axis in "XYZ"]
+    units = ["", *(unit for each in _point_units(point, labels) for unit in 3 * [each])]
+    units += texts(analog, "UNITS")
+    return Header(
+        path,
+        ("time", *names, *channels),
+        data=np.column_stack(columns),
+        units=dict(enumerate(units)),
+    )
+
+
+def texts(group: Any, name: str) -> list[str]:
+    """Return the texts of a parameter and of its continuations: LABELS, LABELS2 and so on hold 255 each."""
+    found: list[str] = []
+    for number in count(1):
+        parameter = group.get(name if number == 1 else f"{name}{number}")
+        if parameter is None:
+            return [text.strip() for text in found]
+        found += parameter["value"]
+    raise AssertionError
+
+
+def _names(path: Path, group: Any, what: str, number: int) -> list[str]:
+    """Return the names of a number of columns; empty ones at the end may be missing or too many."""
+    labels = texts(group, "LABELS")
+    while len(labels) > number and not labels[-1]:
+        labels.pop()
+    if len(labels) != number:
+        raise UsageError(
+            f"{path} has {number} {what}, and names {len(labels)} (LABELS): which column has which name is not known"
+        )
+    return labels
+
+
+def _point_units(point: Any, labels: list[str]) -> list[str]:
+    """Return the unit that the file states of each point; empty if it does not tell markers and results apart."""
+    kinds = {kind: texts(point, kind) for kind in _KINDS}
+    of_results = {
+        label: "".join(texts(point, f"{kind[:-1]}_UNITS")[:1])
+        for kind, listed in kinds.items()
+        for label in listed
+    }
+    of_markers = "".join(texts(point, "UNITS")[:1]) if of_results else ""
+    return [of_results.get(label, of_markers) for label in labels]
+
+
+def _at_frames(analogs: Floats, rows: int) -> Floats:
+    """Return analog channels, shape (channels, samples), at the times of `rows` frames, averaged over two frames each.
+
+    So hum and what else is faster than frames can show does not become an offset. A mean over a frame before and one
+    after has no hum of the frames' rate, of half of it, or of multiples; it is not late.
+    """
+    each = analogs.shape[1] // rows
+    if each < 2:
+        return analogs[:, :rows]
+    weights = np.ones(2 * each + 1)
+    weights[[0, -1]] = 0.5
+    weights /= weights.sum()
+    wide = np.pad(analogs, ((0, 0), (each, each)), mode="edge")
+    return np.array([np.convolve(channel, weights, "valid")[::each][:rows] for channel in wide])

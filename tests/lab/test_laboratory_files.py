@@ -1,0 +1,170 @@
+"""Files as laboratories have them: what was once read wrongly without a word."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.commands.main import main
+from tests.lab.test_sensors import (
+    Capture,
+    Importing,
+    angles_of,
+    content,
+    importing,
+    in_a_line,
+    loads_of,
+)
+from tests.lab.trials import MAP, WEIGHT, cells, flexion, load, write_csv
+
+__all__ = ["importing"]
+C3D_MAP = """\
+angle: {column: RKneeAngles.X, unit: deg}
+load: {column: FZ1, unit: N}
+body_weight: 700
+"""
+TIME = np.arange(150) / 50.0
+
+
+def write_c3d(labels: list[str], **point: Any) -> None:
+    """A walk of 3 s at 50 Hz; points are 0 except RKneeAngles, FZ1 is the load at 500 Hz with hum of 50 and 25 Hz."""
+    ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
+    made = ezc3d.c3d()
+    fast = np.arange(1500) / 500.0
+    points = np.zeros((4, len(labels), len(TIME)))
+    points[0, labels.index("RKneeAngles")] = flexion(TIME)
+    hum = 60.0 * (np.cos(100.0 * np.pi * fast) + np.cos(50.0 * np.pi * fast))
+    for kind, rate, names in (("POINT", 50.0, labels), ("ANALOG", 500.0, ["FZ1"])):
+        made["parameters"][kind]["RATE"]["value"] = [rate]
+        made["parameters"][kind]["LABELS"]["value"] = names
+    made["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    made["parameters"]["ANALOG"]["UNITS"]["value"] = ["N"]
+    for name, value in point.items():
+        made.add_parameter("POINT", name, value)
+    made["data"]["points"] = points
+    made["data"]["analogs"] = (load(fast) + hum)[None, None]
+    made.write("walk.c3d")
+    file = Path("walk.c3d")
+    file.write_bytes(
+        file.read_bytes().replace(b"LABELS9", b"LABELS2")
+    )  # which no writer would write
+
+
+@pytest.mark.parametrize("number", [3, 300, 600])
+def test_columns_of_a_c3d_file_have_their_own_names(importing: Importing, number: int) -> None:
+    """A file has 255 names in each of LABELS, LABELS2 and so on; hum of the frames' rate is no offset."""
+    write_c3d([f"M{place}" for place in range(number)] + ["RKneeAngles"])
+    assert importing(None, C3D_MAP, files=["walk.c3d"]) == 0
+    angles, forces = content()
+    np.testing.assert_allclose(angles_of(angles), flexion(TIME), atol=1e-4)
+    np.testing.assert_allclose(loads_of(forces)[1:-1], load(TIME)[1:-1], atol=5.0)
+
+
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        ({"ANGLES": ["RKneeAngles"], "ANGLE_UNITS": ["rad"]}, "says rad of column RKneeAngles.X"),
+        ({"ANGLES": ["LKneeAngles"], "ANGLE_UNITS": ["deg"]}, "says mm of column RKneeAngles.X"),
+        ({"LABELS9": ["more"]}, "has 2 points, and names 3 (LABELS)"),
+    ],
+)
+def test_a_c3d_file_that_says_otherwise_is_refused(
+    importing: Importing, capsys: Capture, point: dict[str, Any], words: str
+) -> None:
+    write_c3d(["RKneeAngles", "LASI"], **point)
+    assert importing(None, C3D_MAP, files=["walk.c3d"]) == 2
+    assert words in in_a_line(capsys.readouterr().err)
+
+
+def test_a_c3d_file_that_agrees_is_read(importing: Importing) -> None:
+    write_c3d(["RKneeAngles", "LASI"], ANGLES=["RKneeAngles"], ANGLE_UNITS=["deg"])
+    assert importing(None, C3D_MAP, files=["walk.c3d"]) == 0
+
+
+def test_a_net_joint_force_is_doubted_and_the_doubt_stays(
+    importing: Importing, capsys: Capture, tmp_path: Path
+) -> None:
+    table = cells()
+    peak = load(table["time_s"]).max()
+    for name in ("pm_n", "am_n", "al_n", "pl_n"):
+        table[name] = (table[name] - 0.25 * load(table["time_s"]).min()) * 1.1 * WEIGHT / peak
+    bent = np.radians(table["goniometer_deg"])  # as in walking, the bent leg bears less
+    for name in ("pm_n", "am_n", "al_n", "pl_n"):
+        table[name] = table[name] * (bent < np.radians(35.0))
+    assert importing(table) == 2
+    assert "is it the net joint force of inverse dynamics" in capsys.readouterr().err
+    assert importing(table, MAP, "--anyway") == 0
+    for command in (
+        ["solve", "bag", "--output=o.mcap"],
+        ["report", "bag", "--output=one"],
+        ["report", "o.mcap", "--output=two"],
+    ):
+        capsys.readouterr()
+        assert main(command) == 0
+        pages = "".join(path.read_text() for path in tmp_path.glob("*/*.html"))
+        said = in_a_line(capsys.readouterr().err) + pages
+        assert "the import doubted: " in said, command
+        assert "the net joint force of inverse dynamics" in said, command
+
+
+def test_a_squeezed_angle_is_doubted(importing: Importing, capsys: Capture) -> None:
+    """Times of a force at 1000 Hz with angles at 148 Hz turn the knee 6.7 times as fast."""
+    table = cells()
+    fast = {"time_s": table["time_s"] * 0.148, **{n: v for n, v in table.items() if n != "time_s"}}
+    assert importing(fast) == 2
+    assert "rad/s (at " in capsys.readouterr().err
+
+
+TWO_CLOCKS = {
+    "by names": "time: {column: 'X[s]'}\nangle: {column: 'Gonio [deg]', unit: deg}\n"
+    "load: {column: 'Force [N]', unit: N}\n",
+    "by places": "time: {column: 1}\nangle: {column: 4, unit: deg}\nload: {column: 2, unit: N}\n",
+    "of its own": "time: {column: 1}\nload: {column: 'Force [N]', unit: N}\n"
+    "angle: {column: 4, unit: deg, time: {column: 3}}\n",
+}
+
+
+@pytest.mark.parametrize("name", TWO_CLOCKS)
+def test_each_column_has_the_times_next_to_it(importing: Importing, name: str) -> None:
+    slow, fast = np.arange(0.0, 3.0, 0.00675), np.arange(0.0, 3.0, 0.001)
+    rows = ["X[s],Force [N],X[s],Gonio [deg]"]
+    for row, time in enumerate(fast.tolist()):
+        beside = f"{slow[row]:.5f},{flexion(slow)[row]:.3f}" if row < len(slow) else ","
+        rows.append(f"{time:.4f},{load(time):.2f},{beside}")
+    text = TWO_CLOCKS[name] + "body_weight: 700\nmissing: leave_out\n"
+    assert importing("\n".join(rows), text) == 0
+    angles, forces = content()
+    times = 1e-9 * np.array([angle.stamp for angle in angles])
+    np.testing.assert_allclose(angles_of(angles), flexion(times), atol=0.01)
+    assert len(forces) > 2900
+
+
+@pytest.mark.parametrize("frames", [False, True])
+def test_each_file_may_have_its_own_time(importing: Importing, frames: bool) -> None:
+    time = np.arange(0.0, 3.0, 0.02)
+    own = {"Frame": 1.0 + np.arange(150.0)} if frames else {"Time_ms": 1e3 * time}
+    said = "{column: Frame, rate: 50}" if frames else "{column: Time_ms, unit: ms}"
+    motion = write_csv(Path("motion.csv"), {**own, "knee_deg": flexion(time)})
+    plate = write_csv(Path("plate.csv"), {"abs time (s)": time, "Fz": load(time)})
+    text = (
+        f"time: {{column: abs time (s)}}\nangle: {{column: knee_deg, unit: deg, time: {said}}}\n"
+        "load: {column: Fz, unit: N}\nbody_weight: 700\n"
+    )
+    assert importing(None, text, files=[motion, plate]) == 0
+    angles, forces = content()
+    np.testing.assert_allclose(angles_of(angles), flexion(time), atol=1e-4)
+    np.testing.assert_allclose(loads_of(forces), load(time), atol=1e-3)
+
+
+def test_a_point_is_decimal_where_commas_divide_columns(importing: Importing) -> None:
+    time = np.arange(0.0, 3.0, 0.02)
+    rows = [
+        f"{t:.2f},{q:.3f},{f:.3f}" for t, q, f in zip(time, flexion(time), load(time), strict=True)
+    ]
+    rows[7] = rows[7].split(",")[0] + ",," + rows[7].split(",")[2]
+    text = "angle: {column: knee, unit: deg}\nload: {column: f, unit: N}\nmissing: leave_out\n"
+    assert importing("\n".join(["time,knee,f", *rows]), text) == 0
+    assert len(content()[0]) == 149
