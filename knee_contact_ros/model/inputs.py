@@ -358,6 +358,8 @@ class InputCheck:
 class AxisCheck:
     """Which axis of the joint reaction carries the load."""
 
+    topic: str = "joint_reaction_force"
+    """Topic of the forces"""
     turned_by: str = ""
     """Name and value of the parameter by which forces are turned; empty: they are not"""
     forces: int = 0
@@ -393,11 +395,12 @@ class AxisCheck:
         name, other = max((("x", self.x), ("z", self.z)), key=lambda axis: axis[1])
         if other <= _OTHER_AXIS_LOAD * self.forces or other <= CLEAR_RATIO * self.y:
             return ""
-        carried = f"force.{name} carries {other / self.forces:.0f} N on average, and force.y {self.y / self.forces:.0f}"
+        sizes = f"{other / self.forces:.0f} N on average, and force.y {self.y / self.forces:.0f} N"
+        carried = f"force.{name} carries {sizes} in {self.topic}"
         if self.turned_by:
-            return f"{carried} N in joint_reaction_force: is {name} up? Is {self.turned_by} right?"
+            return f"{carried}: is {name} up? Is {self.turned_by} right?"
         return (
-            f"{carried} N in joint_reaction_force: is {name} up? Set load.rotation (for z up as in REP 103: -90 0 0 "
+            f"{carried}: is {name} up? Set load.rotation (for z up as in REP 103: -90 0 0 "
             f"deg) or frame.tibia (for that: the name of the forces' frame followed by _isb), name the axis in "
             f"load.source (as -wrench.force.{name}), or send "
             "force.y along the tibia, < 0 in compression"

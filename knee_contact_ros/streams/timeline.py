@@ -107,6 +107,8 @@ class Timeline(Generic[S]):
         """Samples that may be accepted later, in increasing order of their stamps"""
         self.jumps = 0
         """Number of jumps of the stream"""
+        self.last_jump = 0
+        """Step [ns] of the last jump"""
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
         self.step_limit = max_gap
@@ -173,7 +175,9 @@ class Timeline(Generic[S]):
         self.held_back = [] if number is None else self.held_back[number:]
         for sample in accepted:
             if self.last is not None:
-                self.jumps += not 0 < sample.stamp - self.last <= self._max_gap
+                if not 0 < sample.stamp - self.last <= self._max_gap:
+                    self.jumps += 1
+                    self.last_jump = sample.stamp - self.last
                 if sample.stamp <= self.last:  # steps longer than `max_gap` came from jumps
                     steps = [step for step in self.steps if step <= self._max_gap]
                     self.resume(self.last, steps)

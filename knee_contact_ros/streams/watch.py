@@ -70,7 +70,7 @@ def doubts_about(parameters: Parameters, model: KneeModel, is_lateral: bool = Fa
         beyond_words(model),
         doubts,
         inputs,
-        AxisCheck(turned_by(parameters)),
+        AxisCheck(parameters.inputs()[1].topic, turned_by(parameters)),
     )
 
 

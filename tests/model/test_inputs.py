@@ -152,7 +152,7 @@ def test_a_net_joint_force_is_no_contact_load() -> None:
 
 def axes(forces: np.ndarray, turned_by: str = "") -> str:
     """Return the sentence about forces [N], the same of all at once and one by one."""
-    whole, each = AxisCheck(turned_by), AxisCheck(turned_by)
+    whole, each = AxisCheck(turned_by=turned_by), AxisCheck(turned_by=turned_by)
     whole.add_forces(forces)
     for force in forces.tolist():
         each.add_force(*force)
