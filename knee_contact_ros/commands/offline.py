@@ -279,3 +279,11 @@ def table(bag: Path, output: Path, topic: str) -> None:
         answers = {name: read_answers(recording, name) for name in topics}
     write_complete({output: answer_table(answers, output.suffix)})
     say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
+
+
+@click.command()
+def about() -> None:
+    """Tell the system, the versions and what is compiled, for a report of a fault."""
+    from knee_contact_ros.commands.about import print_about
+
+    print_about()

@@ -16,7 +16,7 @@ import pytest
 from knee_contact_ros import load_model
 from knee_contact_ros.model import compiler
 from knee_contact_ros.model.compiler import ENTRY, TARGETS, BuildError, object_code
-from knee_contact_ros.model.kernel import is_built, library_file
+from knee_contact_ros.model.kernel import found_library, library_file
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from tests.helpers.package import copy_of_the_package
 from tests.helpers.scenes import law, model
@@ -119,7 +119,7 @@ def used_here() -> str:
 
 @pytest.mark.skipif(not shutil.which("nm"), reason="needs binutils (Debian: apt install binutils)")
 def test_the_library_needs_libm_alone_and_holds_no_data() -> None:
-    assert is_built()
+    assert found_library()
     listed = subprocess.run(
         ["nm", "-D", library_file()],  # noqa: S607
         capture_output=True,
