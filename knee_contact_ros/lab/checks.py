@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from knee_contact_ros.joint_reaction.conventions import LegCheck
 from knee_contact_ros.joint_reaction.estimator import (
     MAX_LOAD_PEAK,
     MAX_PULL,
@@ -20,6 +21,8 @@ from knee_contact_ros.joint_reaction.estimator import (
     MIN_RANGE_OF_MOTION,
     body_weight_doubt,
 )
+from knee_contact_ros.joint_reaction.leg import Ground, Joints
+from knee_contact_ros.lab.gait_bag import Gait
 from knee_contact_ros.lab.tables import Table, TimeSeries
 from knee_contact_ros.lab.units import (
     BODY_WEIGHTS,
@@ -361,3 +364,19 @@ def peak_doubts(
                 cure = f"is {load.name}.unit {unit} right? In {other} it would be {body_weights:.2g} body weights"
     what = f"the peak of {peak:.4g} N"
     return outside(load.where, what, peak / weight, "body weights", limits, cure)
+
+
+def convention_doubts(gait: Gait, weight: float | None) -> list[str]:
+    """Doubt about conventions of the leg's angles and of the ground force; see `LegCheck`."""
+    if "ground_force" not in gait.wrenches or weight is None:
+        return []
+    stamps, wrenches = gait.wrenches["ground_force"]
+    knee, *others = gait.joints.values()
+    unknown = knee._replace(values=np.full((len(knee.stamps), 1), np.nan))
+    named = dict(zip(list(gait.joints)[1:], others, strict=True))
+    joints = [knee, named.get("hip", unknown), named.get("ankle", unknown)]
+    angles = np.column_stack([joint.at(stamps).values[:, 0] for joint in joints])
+    seen = LegCheck(weight)
+    for of_joints, wrench in zip(angles.tolist(), wrenches.tolist(), strict=True):
+        seen.add_sample(Joints(*of_joints), Ground(tuple(wrench[:3]), tuple(wrench[3:])))
+    return seen.sentences

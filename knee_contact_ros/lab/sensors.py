@@ -41,6 +41,7 @@ _JOINT_CHANNELS = {"angle": "assistance", "hip": "", "ankle": "ankle_assistance"
 """Channels of joint angles, with those of the torques of their actuators"""
 _IMPORTED = (
     *_JOINT_CHANNELS,
+    "pelvis",
     *filter(None, _JOINT_CHANNELS.values()),
     "load",
     "moment",
@@ -129,6 +130,10 @@ class SensorMap(Section):
     hip: SignedChannel | None = Field(
         None, description="thigh to the vertical, positive with the knee ahead"
     )
+    pelvis: SignedChannel | None = Field(
+        None,
+        description="its forward tilt, where `hip` is the angle of the thigh to the pelvis; taken off `hip`",
+    )
     ankle: SignedChannel | None = Field(
         None, description="positive in dorsiflexion, 0 at a right angle"
     )
@@ -180,6 +185,7 @@ class SensorMap(Section):
     def _complete(self) -> SensorMap:
         parts = {
             "ankle_assistance": "ankle",
+            "pelvis": "hip",
             "moment": "load",
             **dict.fromkeys(_GROUND_CHANNELS, "ground_force"),
         }
@@ -205,12 +211,29 @@ def run_import_csv(
         )
     gait_bag.check_bag_output(output, overwrite)
     channels = read_channels(files, sensors, _IMPORTED)
+    channels = _with_thigh(channels)
     doubts = _check_channels(channels, sensors, anyway)
-    gait = _gait_of(channels, sensors)._replace(doubts=doubts)
+    gait = _gait_of(channels, sensors)
+    likely = checks.convention_doubts(gait, sensors.body_weight)
+    checks.refuse(likely, anyway)
+    gait = gait._replace(doubts=[*doubts, *likely])
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
     record = {"map": sensors.model_dump_json(exclude_defaults=True)}
     with work_folder(output.parent) as work:
         gait_bag.store({output: gait}, "CSV", used, record, work)
+
+
+def _with_thigh(channels: dict[str, TimeSeries]) -> dict[str, TimeSeries]:
+    """Take the pelvis' tilt off the hip's angle, which becomes that of the thigh to the vertical."""
+    if "pelvis" not in channels:
+        return channels
+    channels = dict(channels)
+    pelvis, hip = channels.pop("pelvis"), channels["hip"]
+    tilt = _signal(pelvis).at(hip.stamps).values[:, 0]
+    columns = f"{hip.columns} - {pelvis.columns}"
+    notes = (*hip.notes, *pelvis.notes)
+    thigh = hip._replace(columns=columns, values=hip.values - tilt, notes=notes)
+    return {**channels, "hip": thigh}
 
 
 def _check_channels(
@@ -390,7 +413,7 @@ def _on_one_clock(read: dict[_Part, Table], offset: int) -> dict[_Part, Table]:
 
 def _dimension(name: str) -> Dimension:
     """Return the dimension of a channel."""
-    if name in {*_JOINT_CHANNELS, "reference"}:
+    if name in {*_JOINT_CHANNELS, "pelvis", "reference"}:
         return "angle"
     return "moment" if name == "moment" or "torque" in name or "assistance" in name else "force"
 

@@ -53,6 +53,16 @@ CHANGEABLE = frozenset(
 """Parameters that may change while the node is configured: numbers of the person, and the next recording's name"""
 
 
+class LoadHealth(Health):
+    """Health of a load node."""
+
+    _pipeline: LoadPipeline
+
+    def doubts(self) -> list[str]:
+        """Sentences about conventions of angles and ground force that are likely others."""
+        return self._pipeline.conventions.sentences
+
+
 class LoadSession(Session):
     """Configured life of a load node."""
 
@@ -78,7 +88,7 @@ class LoadSession(Session):
             UsageError: an output file cannot be written.
         """
         pipeline = LoadPipeline(parameters)
-        health = Health(node, parameters, pipeline, Level, "level")
+        health = LoadHealth(node, parameters, pipeline, Level, "level")
         super().__init__(node, parameters, pipeline, health)
         self.inputs = self._input_streams(qos_given)
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}

@@ -142,7 +142,7 @@ def estimate_load(
     seen = InputCheck(person.constants.weight, load_driven=False, names="knee.")
     seen.add_samples(estimates["stamp"], np.array(flexions), estimates["axial_force"])
     refused, level = pipeline.synchroniser.refused, pipeline.level
-    doubts = [*bag.doubts, *seen.sentences]
+    doubts = [*bag.doubts, *seen.sentences, *pipeline.conventions.sentences]
     return LoadSummary(estimates, refused, damage, level, parameters.calibrated, doubts)
 
 

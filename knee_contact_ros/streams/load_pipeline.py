@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from knee_contact_ros.joint_reaction.conventions import LegCheck
 from knee_contact_ros.joint_reaction.estimator import (
     BIT_DOUBTFUL_LOAD,
     BIT_IMPLAUSIBLE,
@@ -203,6 +204,8 @@ class LoadPipeline(Pipeline[LoadAnswer]):
         self.level = parameters.chosen_level
         self._motion = MotionFilter(parameters.motion_window)
         self._estimator = Estimator(*_constants(parameters))
+        self.conventions = LegCheck(parameters.person.constants.weight)
+        """Whether angles and ground force follow our conventions"""
 
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
         """Sample with angles and actuators' torques of the leg; see `leg_sample`."""
@@ -215,6 +218,7 @@ class LoadPipeline(Pipeline[LoadAnswer]):
     def answer_pair(self, pair: PairedSample) -> LoadAnswer:
         """Estimate the joint reaction."""
         sensed = self._sense(pair)
+        self.conventions.add_sample(sensed.joints, sensed.ground)
         estimate = self._estimator.estimate(*sensed)
         stamp = pair.load.stamp
         frame = self.parameters.frame.tibia
@@ -248,6 +252,7 @@ class LoadPipeline(Pipeline[LoadAnswer]):
         ):  # the jump of the angles is no motion
             self._motion.forget_angles()
             self._estimator.forget_forces()
+            self.conventions = LegCheck(parameters.person.constants.weight)
         self.parameters, self.level = parameters, parameters.chosen_level
         self._estimator.configure(*_constants(parameters))
 

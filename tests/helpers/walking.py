@@ -41,7 +41,7 @@ def joint_state(stamp: int, effort: bool = False) -> JointState:
 def ground(stamp: int, frame: str = "plate") -> WrenchStamped:
     """What the ground exerts on the foot about the ankle [N, N m]: stance in the one half of a stride, nothing else."""
     stance = max(math.sin(phase(stamp)), 0.0)
-    vertical, shear = 900.0 * math.sqrt(stance), 120.0 * stance * math.sin(2.0 * phase(stamp))
+    vertical, shear = 900.0 * math.sqrt(stance), -120.0 * stance * math.sin(2.0 * phase(stamp))
     return WrenchStamped(
         stamp,
         frame,

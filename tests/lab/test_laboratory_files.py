@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
+from tests.joint_reaction.test_conventions import stance
 from tests.lab.test_sensors import (
     Capture,
     Importing,
@@ -168,3 +169,28 @@ def test_a_point_is_decimal_where_commas_divide_columns(importing: Importing) ->
     text = "angle: {column: knee, unit: deg}\nload: {column: f, unit: N}\nmissing: leave_out\n"
     assert importing("\n".join(["time,knee,f", *rows]), text) == 0
     assert len(content()[0]) == 149
+
+
+def test_a_hip_against_the_pelvis_is_doubted_and_the_pelvis_taken_off(
+    importing: Importing, capsys: Capture
+) -> None:
+    rows = np.concatenate([stance(seed) for seed in (1, 2)])
+    names = ("knee", "hip", "ankle", "fx", "fy", "tz")
+    table = {"time": np.arange(len(rows)) / 100.0, **dict(zip(names, rows.T, strict=True))}
+    table["hip"] = table["hip"] + np.radians(11.0)
+    table["tilt"] = np.full(len(rows), np.radians(11.0))
+    text = "body_weight: 700\n" + "".join(
+        f"{channel}: {{column: {name}, unit: {unit}}}\n"
+        for channel, name, unit in (
+            ("angle", "knee", "rad"),
+            ("hip", "hip", "rad"),
+            ("ankle", "ankle", "rad"),
+            ("ground_force", "fy", "N"),
+            ("ground_force_x", "fx", "N"),
+            ("ground_torque_z", "tz", "N*m"),
+        )
+    )
+    assert importing(table, text) == 2
+    assert "to the pelvis" in capsys.readouterr().err
+    assert importing(table, text + "pelvis: {column: tilt, unit: rad}\n") == 0
+    assert "hip - tilt of cells.csv" in capsys.readouterr().out

@@ -124,7 +124,7 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Ti
     assert values["angles not recorded"] == "30"
 
 
-def test_a_timer_that_comes_late_shows_by_how_much_and_that_answers_are_late(clock: Time) -> None:
+def test_a_late_timer_shows_its_lag(clock: Time) -> None:
     health = clock.of({"pairing.wait": 0.5})  # looks every 0.125 s
     late, waits = [], [0.0, 0.375, 0.125, 0.75, 0.125, 0.0625]
     for later in waits:
@@ -158,7 +158,7 @@ def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
         assert meter.report_rate()[1] == problem
 
 
-def test_messages_and_ages_are_counted_and_a_pause_of_the_node_is_no_period(clock: Time) -> None:
+def test_messages_and_ages_are_counted_without_pauses_of_the_node(clock: Time) -> None:
     meter = InputMeter()
     clock.receive(meter, 3, 0.01)
     meter.count_message(None)

@@ -83,7 +83,7 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
             assert markers[FORCE].action == 2
 
 
-def test_the_point_has_the_colour_of_the_state_and_a_pull_points_the_other_way() -> None:
+def test_colour_shows_the_state_and_a_pull_points_the_other_way() -> None:
     knee = KneeMarkers([outlines_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     for state in ContactState:
         colour = read(knee, "tibia", contact(contact_state=int(state)))[POINT].color

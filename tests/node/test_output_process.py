@@ -122,9 +122,7 @@ def test_a_process_that_does_not_start_is_told(
 
 
 @needs_viewer
-def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_counted(
-    started: Started, tmp_path: Path
-) -> None:
+def test_a_stalled_viewer_drops_and_counts_new_answers(started: Started, tmp_path: Path) -> None:
     sink = started.viewer(tmp_path / "knee.rrd", queue=MayWait(500))
     os.kill(pid(sink), signal.SIGSTOP)
     number = backlog = 0
@@ -147,7 +145,7 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
 
 
 @pytest.mark.parametrize("joints", [1, 100])
-def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
+def test_queued_answers_take_the_memory_that_is_counted(joints: int) -> None:
     """As answers come from the pipeline, within a third; what is counted is what `record.queue_size` limits."""
     pipeline, names = (
         ContactPipeline(load_parameters({}), compiled=True),
@@ -183,7 +181,7 @@ def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
 
 @pytest.mark.parametrize("number", [10, 5000])  # more than the socket takes
 @pytest.mark.parametrize("is_open", [True, False])
-def test_a_process_that_stands_still_does_not_hold_up_the_end_and_completes_later(
+def test_a_stalled_process_does_not_delay_the_end(
     started: Started, tmp_path: Path, is_open: bool, number: int
 ) -> None:
     sink = started.recorder(tmp_path / "out.mcap", wait=is_open)
@@ -208,7 +206,7 @@ def test_a_process_that_stands_still_does_not_hold_up_the_end_and_completes_late
 
 
 @needs_viewer
-def test_a_sinks_process_is_lean_steps_back_and_ends_when_it_is_told_only(
+def test_a_sink_process_is_lean_and_ends_on_request_only(
     started: Started, tmp_path: Path, monkeypatch: Any
 ) -> None:
     """Neither files in the working folder, which stand in for no libraries, nor signals to all processes end it."""

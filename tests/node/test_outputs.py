@@ -66,7 +66,7 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
     assert sink.arguments[1:4] == ({"version": "1"}, ABSOLUTE_NAMES, expected)
 
 
-def test_a_snapshot_is_no_larger_than_what_may_wait(started: Started, tmp_path: Path) -> None:
+def test_a_snapshot_is_no_larger_than_the_queue(started: Started, tmp_path: Path) -> None:
     ring = Ring(1e3, 10**6, 1e6)
     for number in range(3000):
         ring.put_item(answer(number))

@@ -56,9 +56,7 @@ def answers_of(pipeline: Any) -> list[Any]:
 
 
 @pytest.mark.parametrize("compartments", ["fixed_share", "both"])
-def test_a_contact_is_published_before_it_is_recorded_with_its_latency(
-    acts: list[Any], compartments: str
-) -> None:
+def test_a_contact_is_published_before_it_is_recorded(acts: list[Any], compartments: str) -> None:
     values = {"load.compartment": compartments}
     pipeline = ContactPipeline(load_parameters(values), compiled=False)
     number = len(pipeline.compartments)

@@ -97,7 +97,7 @@ def test_every_definition_is_read_as_rosbags_does(
         ), name
 
 
-def test_fields_of_no_fixed_size_end_what_is_read() -> None:
+def test_fields_of_variable_size_end_the_known_layout() -> None:
     text = TEXT.replace("uint32 evaluations ", "uint32 evaluations\nstring words\nfloat64 later ")
     data = message(1, "tibia")
     (row,) = decode_answers(Column.of([data + b"\0" * 50]), described(text)).view(FLAT)
@@ -121,6 +121,8 @@ def test_fields_of_no_fixed_size_end_what_is_read() -> None:
         (message(1, "tibia"), "float64 load\n" + TEXT, "does not begin with a header"),
     ],
 )
-def test_what_does_not_fit_is_refused(data: bytes, text: str, words: str) -> None:
+def test_a_message_that_does_not_fit_its_definition_is_refused(
+    data: bytes, text: str, words: str
+) -> None:
     with pytest.raises(ValueError, match=words):
         decode_answers(Column.of([data]), described(text))

@@ -164,7 +164,7 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     assert set(lateral["contact_point"]["z"]) == {0.025}
 
 
-def test_a_recording_that_begins_in_a_motion_is_unknown_at_first() -> None:
+def test_a_recording_that_begins_in_motion_is_unknown_at_first() -> None:
     """Of a node that had answered before; what it had computed until then is not known."""
     pipeline = quick_pipeline([])
     pipeline.resume_recording(ticks_before=1)

@@ -64,7 +64,7 @@ def refusal(frame: ForceFrame, given: WrenchStamped) -> RefusedSampleError:
     return refused.value
 
 
-def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> None:
+def test_a_changed_frame_is_refused_until_a_reset() -> None:
     frame = ForceFrame()
     take(frame, wrench("left", NOWHERE))
     refused = refusal(frame, wrench("right", NOWHERE))
@@ -77,7 +77,7 @@ def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> N
     take(frame, wrench("right", NOWHERE))
 
 
-def test_a_frame_that_nothing_leads_from_is_refused_by_name_until_it_is_known() -> None:
+def test_a_frame_without_a_transform_is_refused_by_name() -> None:
     frame = ForceFrame("tibia_isb")
     refused = refusal(frame, wrench("sensor", NOWHERE))
     assert refused.reason == "frame_unknown"
@@ -139,7 +139,7 @@ def test_a_tree_takes_a_point_up_and_down(
         Transform("a", "", NOWHERE, UPRIGHT),
     ],
 )
-def test_what_is_no_pose_changes_nothing(transform: Transform) -> None:
+def test_an_invalid_transform_is_ignored(transform: Transform) -> None:
     tree = StaticTransforms()
     tree.add_transform(Transform("a", "b", NOWHERE, UPRIGHT))
     with pytest.raises(ValueError, match="transform"):
@@ -147,7 +147,7 @@ def test_what_is_no_pose_changes_nothing(transform: Transform) -> None:
     assert tree.between("b", "a") == pytest.approx(np.eye(4))
 
 
-def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
+def test_a_changed_transform_holds_and_is_reported_once() -> None:
     frame = ForceFrame("tibia")
     told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
@@ -163,7 +163,7 @@ def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
     assert frame.take_turn_note()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
 
 
-def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
+def test_a_force_refused_for_another_reason_reports_no_frame() -> None:
     """Neither a frame that is right as it is, nor one that would have to be turned."""
     for wanted in ("", "tibia_isb"):
         frame = ForceFrame(wanted)
@@ -173,7 +173,7 @@ def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
         assert not frame.take_turn_note()
 
 
-def test_nothing_is_checked_of_a_recording() -> None:
+def test_frames_of_a_recording_are_not_checked() -> None:
     frame = ForceFrame("tibia")
     frame.is_known = True
     for name in ("a", "b"):

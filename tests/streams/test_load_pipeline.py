@@ -107,7 +107,7 @@ def test_an_actuator_takes_its_part_of_the_moments() -> None:
     assert same(once(values, efforts=(0.0, 0.0, 0.0)), alone)
 
 
-def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -> None:
+def test_a_jump_back_and_a_reset_restart_the_motion_filter() -> None:
     pipe, still = pipeline(), pipeline(WHOLE_LEG | {"motion_window": 0.0})
     first = estimates(pipe, walk(60))
     assert not same(first[-1], estimates(still, walk(60))[-1], within=1.0)  # it was moving
@@ -168,7 +168,7 @@ def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
     )
 
 
-def test_another_offset_is_no_motion() -> None:
+def test_a_changed_offset_is_no_motion() -> None:
     pipe, messages = pipeline(), walk(200)
     take(pipe, messages[:200])
     pipe.retune(
@@ -179,7 +179,7 @@ def test_another_offset_is_no_motion() -> None:
     assert found == [answer.estimate for answer in take(turned, messages[200:])]
 
 
-def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_on() -> None:
+def test_a_changed_constant_counts_from_the_next_estimate() -> None:
     changed, messages = WHOLE_LEG | {"person.tone": 0.6}, walk(100)
     pipe = pipeline()
     before = take(pipe, messages[:100])
@@ -206,7 +206,7 @@ extreme, wide = st.floats(-1e5, 1e5) | small, st.floats(-100.0, 100.0) | small
 @given(
     st.tuples(extreme, extreme, extreme), st.tuples(extreme, extreme, extreme), wide, wide, wide
 )
-def test_whatever_is_taken_gives_a_finite_estimate(
+def test_any_accepted_samples_give_a_finite_estimate(
     acts: Any, turns: Any, hip: float, knee: float, ankle: float
 ) -> None:
     stream = []
@@ -239,7 +239,7 @@ def fields_of(message: Any) -> list[str]:
 
 
 @given(stamps, frames, any_estimates)
-def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
+def test_the_bytes_are_those_of_rosbags_and_ros(
     stamp: int, frame: str, estimate: LoadEstimateFields
 ) -> None:
     plain = typestore().types[TYPE](

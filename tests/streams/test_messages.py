@@ -164,7 +164,7 @@ def assert_none_or_as_ros(kind: Kind, data: bytes) -> Any:
 
 
 @given(kinds_and_messages)
-def test_what_ros_and_rosbags_write_is_read_and_written_as_rosbags_does(
+def test_messages_of_ros_and_rosbags_are_read_and_written(
     case: tuple[Kind, Any],
 ) -> None:
     kind, message = case
@@ -183,7 +183,7 @@ def test_what_ros_and_rosbags_write_is_read_and_written_as_rosbags_does(
 
 @each_kind
 @pytest.mark.parametrize("little_endian", [True, False])
-def test_a_truncated_message_is_none_and_surplus_is_ignored_as_far_as_ros_makes_it(
+def test_truncated_messages_are_refused_and_surplus_bytes_ignored(
     kind: Kind, little_endian: bool
 ) -> None:
     data = kind.rosbags_bytes(kind.example, little_endian)
@@ -216,9 +216,7 @@ def test_every_byte_matters_to_us_as_it_does_to_ros(kind: Kind, little_endian: b
 
 @each_kind
 @pytest.mark.parametrize("text", [b"tibia\xff_", b"ti\xed\xa0\x80_r"])
-def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(
-    kind: Kind, text: bytes
-) -> None:
+def test_text_that_is_no_utf_8_is_read_as_rclpy_does(kind: Kind, text: bytes) -> None:
     data = kind.coder.encode_message(kind.example._replace(frame_id="tibia_r"))
     for _ in range(2):
         read, recorded = kind.coder.decode_message(data[:16] + text + data[23:])
@@ -240,11 +238,11 @@ words = st.sampled_from([0, 1, 2, 3, 5, 2**16, 2**29, 2**31, 2**32 - 1]).map(
     | st.lists(words | st.just(b"a\x00\x00\x00"), max_size=40).map(b"".join),
 )
 @example(KINDS[0], b"\x00\x01\x00\x00", b"")
-def test_any_bytes_give_what_ros_gives_or_nothing(kind: Kind, start: bytes, rest: bytes) -> None:
+def test_any_bytes_are_read_as_ros_does_or_refused(kind: Kind, start: bytes, rest: bytes) -> None:
     assert_none_or_as_ros(kind, start + rest)
 
 
-def test_messages_of_one_length_are_told_apart() -> None:
+def test_messages_of_equal_length_are_distinguished() -> None:
     messages = [
         JOINT_STATE,
         JOINT_STATE._replace(name=("knee", "toe", "")),
@@ -289,7 +287,7 @@ def test_a_stamp_that_no_message_can_hold_is_refused(stamp: int) -> None:
             encode()
 
 
-def test_nanoseconds_of_more_than_a_second_are_read_and_carried_over() -> None:
+def test_nanoseconds_beyond_a_second_are_carried_over() -> None:
     data = bytearray(coding.WRENCH.encode_message(WRENCH))
     data[4:12] = struct.pack("<iI", -3, 2**32 - 1)
     read = WRENCH._replace(stamp=-3 * SECOND + 2**32 - 1)

@@ -118,7 +118,7 @@ BELIEVED: list[tuple[str, Sequence[int], Sequence[int], list[Any], dict[str, int
     [case[1:] for case in BELIEVED],
     ids=[case[0] for case in BELIEVED],
 )
-def test_which_samples_are_believed(
+def test_accepted_samples(
     before: Sequence[int], others: Sequence[int], script: list[Any], refused: dict[str, int]
 ) -> None:
     stream, other = Stream(before), Stream(others)
@@ -128,9 +128,7 @@ def test_which_samples_are_believed(
     assert stream.refused == refused
 
 
-def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stamp_of_both_is_not() -> (
-    None
-):
+def test_a_jump_of_both_streams_is_accepted_and_one_wrong_stamp_is_not() -> None:
     stream, other = Stream(TEN), Stream(TEN)
     assert (
         stream.take(590, other) == other.take(595, stream) == []
@@ -225,14 +223,14 @@ PAIRS = {
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_what_is_paired(name: str) -> None:
+def test_pairs_of_samples(name: str) -> None:
     samples, pairs, refused = PAIRS[name]
     synchroniser = Synchroniser(PairingSection(max_gap=0.1))
     assert told(feed(synchroniser, samples)) == pairs
     assert synchroniser.refused == refused
 
 
-def test_heights_and_all_that_is_known_of_a_leg_are_interpolated_as_the_angles_are() -> None:
+def test_heights_and_leg_states_are_interpolated() -> None:
     ends = [
         angle(at, 1.0)._replace(height=h, others=others)
         for at, h, *others in ((10, 0.03, 1, 5), (20, 0.04, 2, -5))
@@ -261,9 +259,7 @@ def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     assert recorded == angles[: len(recorded)]
 
 
-def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle_that_may_be_wrong() -> (
-    None
-):
+def test_a_waiting_force_expires_by_the_callers_clock() -> None:
     synchroniser = Synchroniser(PairingSection())
     assert (
         told([*feed(synchroniser, "a5=0.3 l6 l7"), *synchroniser.flush_expired()])
@@ -292,7 +288,7 @@ def test_nothing_grows_while_the_other_stream_is_silent() -> None:
     assert len(synchroniser.waiting_loads) == 100
 
 
-def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles_is_lost() -> None:
+def test_clearing_drops_old_samples_and_loses_no_force() -> None:
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a9000 l9000 a9010 l9005")
     synchroniser.clear_streams()
@@ -320,7 +316,7 @@ def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
 
 
 @pytest.mark.parametrize("apart", [-500, -200, 200, 500])
-def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apart: int) -> None:
+def test_a_constant_offset_of_clocks_is_flagged(apart: int) -> None:
     """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
     synchroniser, stale = Synchroniser(PairingSection(wait=2.0)), []
     for time in range(0, 8000, 10):
@@ -331,7 +327,7 @@ def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apa
     assert all(flag for time, flag in stale if 4000 <= time < 6000)
 
 
-def test_bursts_are_not_taken_for_a_wrong_clock() -> None:
+def test_bursts_are_no_clock_offset() -> None:
     synchroniser, bursts = (
         Synchroniser(PairingSection(wait=2.0)),
         [range(begin, begin + 300, 10) for begin in range(0, 6000, 300)],
@@ -342,7 +338,7 @@ def test_bursts_are_not_taken_for_a_wrong_clock() -> None:
     assert [pair.status for pair in pairs] == [0] * 600
 
 
-def test_a_constant_latency_is_told_as_it_is() -> None:
+def test_a_constant_latency_is_reported() -> None:
     synchroniser = Synchroniser(PairingSection(angle_delay=0.02))
     for time in range(0, 1000, 10):
         synchroniser.push_load(load(time))

@@ -96,7 +96,7 @@ def test_joints_are_found_by_their_names_and_signs_make_their_angles() -> None:
     assert leg(values, state(knee=-0.25, hip=-0.5, ankle=1.0)) == Joints(0.75, 0.25, 0.5)
 
 
-def test_what_is_not_named_is_not_measured_whatever_comes() -> None:
+def test_joints_without_a_name_are_not_measured() -> None:
     found = leg({}, state(knee=0.25, hip=math.inf, ankle=0.1))
     assert (found.flexion, found.knee_assistance, found.ankle_assistance) == (0.25, 0.0, 0.0)
     assert math.isnan(found.hip)
@@ -220,7 +220,7 @@ def test_what_cannot_be_used_is_refused(
     assert caught.value.reason == reason
 
 
-def test_an_angle_that_lags_holds_earlier_and_is_recorded_as_it_came() -> None:
+def test_an_angle_delay_moves_the_stamp_and_not_the_recording() -> None:
     sample = angle_sample(
         state(knee=0.25)._replace(stamp=20_000_000), KneeSection(), delay=25_000_000
     )

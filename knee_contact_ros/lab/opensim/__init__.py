@@ -236,7 +236,7 @@ def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> 
     checks.refuse(likely, settings.anyway)
     rate, gap = settings.rate, results.MAX_GAP
     gait = gait_bag.sampled(side, joints, wrenches, rate=rate, max_gap=gap, start=start, end=end)
-    doubts += [*likely, *checks.unusual(load, weight)]
+    doubts += [*likely, *checks.unusual(load, weight), *checks.convention_doubts(gait, weight)]
     return gait._replace(columns=columns, notes=notes + gait.notes, doubts=doubts, weight=weight)
 
 

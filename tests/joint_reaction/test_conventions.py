@@ -1,0 +1,64 @@
+"""Angles and ground forces of another convention are doubted; those of made-up persons in ours are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.joint_reaction.conventions import LegCheck
+from knee_contact_ros.joint_reaction.leg import Ground, Joints
+
+WEIGHT = 700.0
+
+
+def stance(seed: int | None = None) -> np.ndarray:
+    """Flexion, hip, ankle [rad], force x, y, torque z of a stance, shape (n, 6), as published curves have them."""
+    generator = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return 0.5 * (low + high) if seed is None else float(generator.uniform(low, high))
+
+    part = np.linspace(0.02, 0.98, round(between(50, 140)))
+    up = WEIGHT * between(0.9, 1.3) * np.sin(np.pi * part) ** between(0.3, 0.6)
+    thigh = np.radians(between(18.0, 32.0) - between(35.0, 50.0) * part)
+    flexion = np.radians(between(0.0, 12.0) + between(0.0, 20.0) * np.sin(2.0 * np.pi * part) ** 2)
+    pitch = np.radians(between(-5.0, 0.0))
+    forward = -WEIGHT * between(0.08, 0.25) * np.sin(2.0 * np.pi * part)
+    place = between(-0.03, 0.03) + between(0.08, 0.16) * part
+    ankle = pitch - thigh + flexion
+    return np.column_stack([flexion, thigh, ankle, forward, up, place * up + 0.08 * forward])
+
+
+def sentences(rows: np.ndarray) -> list[str]:
+    seen = LegCheck(WEIGHT)
+    for flexion, hip, ankle, forward, up, moment in rows.tolist():
+        seen.add_sample(
+            Joints(flexion, hip, ankle), Ground((forward, up, 0.0), (0.0, 0.0, moment))
+        )
+    return seen.sentences
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rows: rows + np.radians([0, 10, 0, 0, 0, 0]), "not to the pelvis"),
+        (lambda rows: rows * [1, -1, 1, 1, 1, 1], "positive with the knee ahead"),
+        (lambda rows: rows * [1, 1, 1, -1, 1, 1], "is the force's x forwards"),
+        (lambda rows: rows * [1, 1, 1, 1, 1, -1], "mm behind the ankle"),
+    ],
+)
+def test_another_convention_is_doubted(
+    change: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    assert sentences(stance()) == []
+    assert words in "; ".join(sentences(change(stance())))
+
+
+def test_two_thousand_persons_are_not_doubted() -> None:
+    for seed in range(2000):
+        rows = stance(seed)
+        assert sentences(rows) == [], seed
+        rows[:, [1, 2, 5]] = np.nan  # an insole and an encoder
+        assert sentences(rows) == [], seed
