@@ -29,13 +29,18 @@ from knee_contact_ros.node.problems import (
 from knee_contact_ros.node.silence import published_by_others, reason_of_silence
 from knee_contact_ros.streams.pipeline import Pipeline
 from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
-from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS
+from knee_contact_ros.streams.timeline import Timeline
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.ros import resolve_topic
 
 STAMP_REFUSALS = tuple(
     f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order")
 )
 """Names of the counters of samples that are refused because of their stamps"""
+STARTING_TIME = 3.0
+"""Time [s] after the activation in which a lag is not told: imports and discovery take their time"""
+FEWEST_STEPS = 4
+"""Number of steps between angles from which their rate is judged"""
 FROM_BOOT = 1e8
 """Difference [s] of stamps above which one clock must count from boot"""
 SILENCE = 5.0
@@ -44,6 +49,13 @@ REMINDER_PERIOD = 30.0
 """Shortest time [s] between two warnings of a state that lasts, such as a silent input"""
 Entry = tuple[str, dict[str, str], Problem]
 """Name of a `DiagnosticStatus` after that of the node, its values, and what is wrong"""
+
+
+def jump_sentence(topic: str, jump: float, stream: Input) -> str:
+    """Sentence about a jump [s] of stamps: nothing came for that long, or it is the clock's."""
+    if 0.0 < jump <= 2.0 * stream.meter.longest_pause:
+        return f"no samples on {topic} for {jump:.2f} s"
+    return f"stamps of {topic} have jumped by {jump:.2f} s"
 
 
 class AnswerCounts:
@@ -71,11 +83,17 @@ class AnswerCounts:
         """Largest delay [s] of a timer since the last report"""
         self._lag = 0.0
         self._timer_fired = math.inf
+        self._started = 0.0
 
     def start_timer(self) -> None:
         """Note that the timer starts now whose delay is the lag of the node."""
         self._lag = 0.0
-        self._timer_fired = time.monotonic()
+        self._started = self._timer_fired = time.monotonic()
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether the session is so young that what made it may still be the reason of a lag."""
+        return time.monotonic() < self._started + STARTING_TIME
 
     def note_timer(self, period: float) -> None:
         """Note that this timer has fired; it waits in the same queue as samples."""
@@ -140,11 +158,13 @@ class Health:
         entries = [
             self.usability_entry(),
             self._input_entry(
-                angles, self._pipeline.angle_conflict, self.parameters.knee.joint_name
+                angles,
+                self._pipeline.angle_conflict,
+                "" if self.parameters.inputs()[0].fields else self.parameters.knee.joint_name,
             ),
             self._input_entry(forces, self._pipeline.force_conflict),
             self._refusals_entry(),
-            self.pairing_entry(),
+            self.pairing_entry(inputs),
             self.ticks_entry(),
             *self.load_entries(),
         ]
@@ -229,14 +249,21 @@ class Health:
         }
         return "answers", values, problem
 
-    def pairing_entry(self) -> Entry:
+    def pairing_entry(self, inputs: Inputs) -> Entry:
         """Entry for the pairing of the stamps; problems are logged."""
         paired = self._pipeline.synchroniser
-        force = self._pipeline.force_topic
         lead = paired.lead or 0.0
         full = 100.0 * paired.fill
-        jumps = {JOINT_STATES: paired.angle_time.jumps, force: paired.load_time.jumps}
-        values = {f"jumps of {topic}": str(number) for topic, number in jumps.items()}
+        times: dict[str, tuple[Timeline[Any], Input]] = dict(
+            zip(
+                self._pipeline.sources.values(),
+                zip((paired.angle_time, paired.load_time), inputs, strict=True),
+                strict=True,
+            )
+        )
+        values = {f"jumps of {topic}": str(time.jumps) for topic, (time, _) in times.items()}
+        missing = {topic: time.missing for topic, (time, _) in times.items()}
+        values |= {f"missing of {topic}": str(number) for topic, number in missing.items()}
         values["queue [%]"] = f"{full:.0f}"
         values["angles not recorded"] = str(paired.unrecorded_angles)
         if paired.lead is not None:
@@ -251,13 +278,15 @@ class Health:
         if lost:
             why = "more of them than pairing.queue came without a force"
             problems.append(f"{lost} angles are not recorded: {why}")
-        for topic, number in jumps.items():
-            if self.increase(topic, number):
-                problems.append(f"stamps of {topic} have jumped")
+        for topic, (timeline, stream) in times.items():
+            if self.increase(topic, timeline.jumps):
+                problems.append(jump_sentence(topic, timeline.last_jump / NANOSECONDS, stream))
+        problems.append(self._slow_angles())
         off_time = sum(paired.refused[reason] for reason in STAMP_REFUSALS)
         off_time = self.increase("off time", off_time)
         if off_time:
             problems.append(f"{off_time} stamps fit neither the sample before nor the other topic")
+        problems += self._clock_problems(missing)
         if abs(lead) > self.parameters.pairing.max_gap:
             problems.append(self._lead_problem(lead))
         if full >= 100.0 * WARNING_FILL:
@@ -266,16 +295,47 @@ class Health:
         self.warn("pairing", text, LOG_PERIOD)
         return "pairing", values, (ERROR if lost else level, text)
 
+    def _clock_problems(self, missing: dict[str, int]) -> list[str]:
+        """Sentences about a clock that was set back, and about `missing` samples, by their topic."""
+        paired, problems = self._pipeline.synchroniser, list[str]()
+        angles, forces = self._pipeline.sources.values()
+        if paired.set_apart:
+            topic = angles if paired.set_apart > 0 else forces
+            problems.append(
+                f"the clock of {topic} was set back by {abs(paired.set_apart):.3f} s, and the other's was not: the "
+                "answers are flagged (STALE_INPUT); ~/reset once the clocks agree"
+            )
+        for topic, number in missing.items():
+            if lost_now := self.increase(f"missing {topic}", number):
+                problems.append(f"{lost_now} samples of {topic} are missing: holes in its stamps")
+        return problems
+
     def _lead_problem(self, lead: float) -> str:
         """Sentence about forces whose stamps are ahead of those of the angles by too much [s], or behind."""
-        topics = JOINT_STATES, self._pipeline.force_topic
+        topics = self._pipeline.sources.values()
         behind, ahead = topics if lead > 0 else reversed(topics)
         problem = f"stamps of {behind} lie {abs(lead):.3f} s behind those of {ahead}"
         if abs(lead) > FROM_BOOT:
-            problem += "; one of them counts from boot"
+            problem += (
+                "; one of them counts from boot: stamp both by one clock, or take one on arrival"
+            )
+        else:
+            problem += ": synchronise the clocks of both senders (chrony, PTP)"
         if self._pipeline.synchroniser.clocks_differ:
             problem += ", and the answers are flagged (STALE_INPUT)"
         return problem
+
+    def _slow_angles(self) -> str:
+        """Sentence about angles that are farther apart than `pairing.max_gap`; empty if they are not."""
+        steps = sorted(self._pipeline.synchroniser.angle_time.steps)
+        step = steps[len(steps) // 2] / NANOSECONDS if len(steps) >= FEWEST_STEPS else 0.0
+        if step <= self.parameters.pairing.max_gap:
+            return ""
+        topic = next(iter(self._pipeline.sources.values()))
+        limit = f"pairing.max_gap is {self.parameters.pairing.max_gap:g} s"
+        return (
+            f"{topic} comes every {step:.2f} s, and {limit}: every answer is flagged (STALE_INPUT)"
+        )
 
     def ticks_entry(self) -> Entry:
         """Entry for the ticks; a node that falls behind is logged too."""
@@ -299,9 +359,11 @@ class Health:
         values["lag max [ms]"] = f"{lag:.1f}"
         missed = self.increase("missed", counts.missed)
         doubts = self.doubts()
-        late = f"{missed} answers came later than the deadline" if missed else ""
+        deadline = self.parameters.deadline
+        late = f"{missed} answers came later than deadline ({deadline:g} s)" if missed else ""
         behind = ""
-        if lag > 1e3 * self.parameters.deadline:
+        is_busy = self.increase("ticks", counts.by_status.total()) and not counts.is_starting
+        if lag > 1e3 * deadline and is_busy:
             behind = f"the node is behind by up to {lag:.0f} ms"
         self.warn("behind", behind, LOG_PERIOD)
         self.warn("doubts", "; ".join(doubts))

@@ -48,6 +48,10 @@ INPUT_DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""
 
 
+LARGEST_AGE = 3600.0
+"""Age of a message [s] above which its stamp must be by another clock"""
+
+
 class HandOver:
     """Hands messages from one node to another in the same process."""
 
@@ -96,6 +100,11 @@ class InputMeter:
         )
         self.received = 0
         """Number of messages that have come"""
+        self.clock: Callable[[], float] = time.time
+        """Time [s] by which messages have an age"""
+        self.longest_pause = 0.0
+        """Longest time [s] before a message, since the report before the last one"""
+        self._longest_before = 0.0
         self.restart()
 
     def restart(self) -> None:
@@ -112,16 +121,21 @@ class InputMeter:
         self._pauses.append(now - self.last)
         self.received, self.last = self.received + 1, now
         if stamp is not None:
-            self._ages.append(time.time() - 1e-9 * stamp)
+            self._ages.append(self.clock() - 1e-9 * stamp)
 
     def report_rate(self) -> tuple[dict[str, str], Problem]:
         """Values for the time since the last report, and what is wrong."""
         now, number = time.monotonic(), len(self._pauses)
         age, rate = now - self.last, number / max(now - self._reported, 1e-9)
         values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
+        longest = max(self._pauses, default=0.0)
+        self.longest_pause = max(longest, self._longest_before)
+        self._longest_before = longest
         if self._pauses:
-            values["longest pause [ms]"] = f"{1e3 * max(self._pauses):.1f}"
-        if self._ages:
+            values["longest pause [ms]"] = f"{1e3 * longest:.1f}"
+        if self._ages and abs(self._ages[-1]) > LARGEST_AGE:
+            values["message age"] = "not known: the stamps are not by this computer's clock"
+        elif self._ages:
             values["message age mean [ms]"] = f"{1e3 * sum(self._ages) / len(self._ages):.3f}"
             values["message age max [ms]"] = f"{1e3 * max(self._ages):.3f}"
         known = self.received > number  # the first messages came at some time of a second
@@ -170,6 +184,7 @@ class Input:
         into those that `on_data` takes.
         """
         self.topic, self.meter, self.handed = topic, meter, handed
+        self._arrival: Callable[[], int] = time.time_ns
         self.reason = ""
         """Why nothing has come, as far as the graph shows"""
         self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
@@ -186,6 +201,14 @@ class Input:
             else f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
         )
         self._decided_by_user = given in qos_given
+
+    def follow_clock(self) -> None:
+        """Take times of arrival and ages from simulated time where the node has it."""
+        clock = self._node.get_clock()
+        self._arrival, self.meter.clock = time.time_ns, time.time
+        if clock.ros_time_is_active:
+            self._arrival = lambda: int(clock.now().nanoseconds)
+            self.meter.clock = lambda: 1e-9 * clock.now().nanoseconds
 
     def start_listening(self) -> None:
         """Subscribe, or begin to look for topics or to take what is handed over."""
@@ -298,7 +321,9 @@ class Input:
 
     def _on_foreign_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)
-        self._on_message(self._convert(data, time.time_ns()))  # the events executor gives no times
+        self._on_message(
+            self._convert(data, self._arrival())
+        )  # the events executor gives no times
 
     def _on_incompatible_qos(self, topic: str, event: Any) -> None:
         if event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user:

@@ -20,6 +20,7 @@ from knee_contact_ros.parameters.files import (
     all_values,
     known_parameters,
     load_parameters,
+    number_in,
     with_companions,
 )
 from knee_contact_ros.parameters.sections import Declaration, NodeSection
@@ -91,8 +92,11 @@ class NodeParameters:
         for name, declaration in self._known.items():
             if name in overrides:
                 node.set_descriptor(name, described(name, declaration))
+                if isinstance(overrides[name], str) and not isinstance(values[name], str):
+                    node.set_parameters([Parameter(name, value=values[name])])
             else:
                 node.declare_parameter(name, values[name], described(name, declaration))
+        node.add_pre_set_parameters_callback(self._numbers_for_texts)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 
@@ -116,6 +120,18 @@ class NodeParameters:
             for name, parameter in self._node.get_parameters_by_prefix("").items()
         }
 
+    def _numbers_for_texts(self, changes: Sequence[Parameter]) -> list[Parameter]:
+        """Changes with numbers of the declared type instead of texts or integers."""
+
+        def as_number(change: Parameter) -> Parameter:
+            declared = self._known.get(change.name)
+            value = number_in(change.value, declared.default) if declared else change.value
+            if declared and isinstance(declared.default, float) and type(value) is int:
+                value = float(value)
+            return change if value is change.value else Parameter(change.name, value=value)
+
+        return [as_number(change) for change in changes]
+
     def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
         self._before = self._values()
         new = self._new(changes)
@@ -131,6 +147,10 @@ class NodeParameters:
             if self.user and new:
                 self.user.pipeline.check_retune(parameters)
         except Exception as error:  # whatever a part of the model has against it
+            for change in changes:  # rclpy has noted the new types already
+                if change.name in self._before:
+                    kept = self._node.get_parameter(change.name).type_.value
+                    self._node.describe_parameter(change.name).type = kept
             return SetParametersResult(
                 successful=False, reason=" ".join(str(error).split()) or type(error).__name__
             )

@@ -195,7 +195,13 @@ class Session(ABC):
         self.streaming.add(self)
         if self.pipeline.ticks:  # it was active before, and time may have gone anywhere since
             self._reset()
+        if self.node.get_clock().ros_time_is_active:
+            self.node.get_logger().info(
+                "use_sim_time: stamps on arrival and the age of messages follow /clock; pairing.wait, deadline and "
+                "rates are in time of this computer"
+            )
         for stream in self.inputs:
+            stream.follow_clock()
             stream.meter.restart()
             stream.start_listening()
         self._watch_publishers()

@@ -164,7 +164,8 @@ def _complete_summary(
     if pipeline.varies:
         summary.split = pipeline.split
     summary.unanswered = unanswered_sentence(pipeline, inputs.force_count)
-    joint = pipeline.parameters.knee.joint_name
+    has_fields = pipeline.parameters.inputs()[0].fields
+    joint = "" if has_fields else pipeline.parameters.knee.joint_name
     angles, forces = inputs.publishers()
     sentences = (
         pipeline.angle_conflict.sentence(angles, joint),

@@ -7,6 +7,7 @@ mapping, or several of these; later ones override earlier ones.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -51,6 +52,11 @@ SAME_WEIGHT = 0.01
 ParameterPart = NodeSection | Mapping[str, Any] | str | Path
 ParameterSource = ParameterPart | Sequence[ParameterPart]
 """Source of parameters: a file, a mapping, or several of these; later ones override earlier ones"""
+_NUMBERS = {
+    int: re.compile(r"[-+]?\d{1,18}"),
+    float: re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"),
+}
+"""Texts that are numbers of a type"""
 _Schema = TypeVar("_Schema", bound=NodeSection)
 
 
@@ -359,17 +365,23 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
-            names = [one for one in known if not one.startswith(LATERAL_PREFIX)]
-            if len(names) < len(known):
-                names.append(f"{LATERAL_PREFIX}* (as for femur, tibia and contact)")
-            hint = suggest(shortened(name), known, f"known are {', '.join(names)}", cutoff=0.5)
+            hint = suggest(shortened(name), known, cutoff=0.5)
             raise UsageError(f"{where}unknown parameter {shortened(name)}; {hint}")
         *sections, inner = name.split(".")
+        value = number_in(value, known[name].default)  # noqa: PLW2901
         place = nested
         for section in sections:
             place = place.setdefault(section, {})
         place[inner] = value
     return nested
+
+
+def number_in(value: Any, default: Any) -> Any:
+    """Return the number in a text, such as `8e7`, where a parameter wants one like its default; else the value."""
+    kind = type(default)
+    if isinstance(value, str) and kind in _NUMBERS and _NUMBERS[kind].fullmatch(value):
+        return kind(value)
+    return value
 
 
 def _checked(

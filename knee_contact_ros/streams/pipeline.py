@@ -13,6 +13,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.conversion import written
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.joints import SpreadJoints
 from knee_contact_ros.streams.messages import (
@@ -37,6 +38,19 @@ LARGEST_FORCE_SWING = 50.0
 
 OF_OTHERS = -1
 """Stamp of a message that concerns other joints only, or is used with a later one"""
+
+
+def unused_words(parameters: Parameters | LoadParameters) -> dict[str, str]:
+    """Words in refusals that name nothing in the user's messages, and what to say instead."""
+    angles, forces = parameters.inputs()
+    words = {}
+    if angles.fields:
+        words = {f" of joint {joint!r}": "" for joint in parameters.joints().values()}
+    if forces.fields:
+        names = ["force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z"]
+        names = ["force.y"] if len(forces.fields) == 1 else names
+        words |= dict(zip(names, map(written, forces.fields), strict=False))
+    return words
 
 
 class PairAnswer(Protocol):
@@ -75,9 +89,10 @@ class Pipeline(ABC, Generic[AnswerT]):
         )
         self.ticks = 0
         """Number of answers"""
-        self.angle_conflict = PublisherConflict(JOINT_STATES, LARGEST_ANGLE_SWING, "rad")
+        self._unused_words = unused_words(parameters)
+        self.angle_conflict = PublisherConflict(angles.topic, LARGEST_ANGLE_SWING, "rad")
         """Whether the angles come from publishers that disagree"""
-        self.force_conflict = PublisherConflict(force_topic, LARGEST_FORCE_SWING, "N")
+        self.force_conflict = PublisherConflict(forces.topic, LARGEST_FORCE_SWING, "N")
         """Whether the forces come from publishers that disagree"""
         self.message_stamp: int | None = None
         """Stamp [ns] of the last message; None if its bytes are not a message, `OF_OTHERS` if it was not used"""
@@ -223,5 +238,8 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Count a sample that cannot be used; it has no answers."""
         self.synchroniser.refused.count_refused(refused.reason)
         topic, *_ = re.split("[: ]", str(refused), maxsplit=1)
-        self.last_refusal = self.sources.get(topic, topic) + str(refused).removeprefix(topic)
+        text = str(refused).removeprefix(topic)
+        for unused, used in self._unused_words.items():
+            text = text.replace(unused, used)
+        self.last_refusal = self.sources.get(topic, topic) + text
         return iter(())

@@ -97,6 +97,15 @@ def sentences_about(
             "s apart: are their times in milliseconds instead of seconds?",
         ),
         (
+            lambda t, q, load: (t, q, np.interp((t - 0.4) % (4.0 * 1.2), t, load)),
+            "a step is the other way round; are angle and load of the same times",
+        ),
+        (lambda t, q, load: (np.where(t > t[200], t + 2.0, t), q, load), "a hole of 2"),
+        (
+            lambda t, q, load: (t[::40], q[::40], load[::40]),
+            "s apart, and the load changes by",
+        ),
+        (
             lambda t, q, load: (t / 7.0, q, load),
             "rad/s (at ",
         ),
@@ -143,7 +152,7 @@ def test_a_net_joint_force_is_no_contact_load() -> None:
 
 def axes(forces: np.ndarray, turned_by: str = "") -> str:
     """Return the sentence about forces [N], the same of all at once and one by one."""
-    whole, each = AxisCheck(turned_by), AxisCheck(turned_by)
+    whole, each = AxisCheck(turned_by=turned_by), AxisCheck(turned_by=turned_by)
     whole.add_forces(forces)
     for force in forces.tolist():
         each.add_force(*force)

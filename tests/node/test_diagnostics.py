@@ -28,6 +28,8 @@ class Time:
         monkeypatch.setattr("time.monotonic", lambda: self.now)
         monkeypatch.setattr("time.time", lambda: self.age)
         self.logged: list[str] = []
+        stream = SimpleNamespace(meter=SimpleNamespace(longest_pause=0.0))
+        self.inputs: Any = (stream, stream)
         self.of({})
 
     def of(self, parameters: dict[str, Any]) -> Health:
@@ -71,26 +73,63 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
 def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
     health = clock.health
     clock.feed(range(1000, 1100, 5))
-    _, values, problem = health.pairing_entry()
+    _, values, problem = health.pairing_entry(clock.inputs)
     assert (values["force ahead of angle [s]"], problem) == ("0.000", (OK, ""))
     clock.push_angle(1300)
     clock.feed(range(1100, 1200, 5))
-    assert health.pairing_entry()[2] == (
+    assert health.pairing_entry(clock.inputs)[2] == (
         WARN,
         "1 stamps fit neither the sample before nor the other topic",
     )
-    assert health.pairing_entry()[2] == (OK, "")
+    assert health.pairing_entry(clock.inputs)[2] == (OK, "")
     clock.feed(range(100, 200, 5))
-    jumped = "stamps of joint_states have jumped; stamps of joint_reaction_force have jumped"
-    assert health.pairing_entry()[2] == (WARN, jumped)
-    assert health.pairing_entry()[2] == (OK, "")
+    jumped = "; ".join(
+        f"stamps of {topic} have jumped by -1.09 s"
+        for topic in ("joint_states", "joint_reaction_force")
+    )
+    assert health.pairing_entry(clock.inputs)[2] == (WARN, jumped)
+    assert health.pairing_entry(clock.inputs)[2] == (OK, "")
     clock.now += 5.0
     clock.feed(range(0, 50, 5))
-    health.pairing_entry()
-    assert [said.partition(";")[0].split()[-1] for said in clock.logged] == [
-        "topic",
-        "jumped",
-    ]  # 5 s lie between
+    health.pairing_entry(clock.inputs)
+    words = [said.partition(";")[0].split()[-1] for said in clock.logged]
+    assert words == ["topic", "s"]  # 5 s lie between
+
+
+def test_a_pause_is_no_jump_of_a_clock(clock: Time) -> None:
+    health = clock.health
+    clock.feed(range(0, 100, 5))
+    clock.inputs[0].meter.longest_pause = 0.34
+    clock.feed(range(425, 500, 5))
+    told = "no samples on joint_states for 0.33 s; no samples on joint_reaction_force for 0.33 s"
+    assert health.pairing_entry(clock.inputs)[2] == (WARN, told)
+
+
+def test_angles_slower_than_the_largest_gap_are_said(clock: Time) -> None:
+    for stamp in range(0, 2000, 200):
+        clock.push_angle(stamp)
+        clock.push_angle(stamp)
+    (_, _, (_, told)) = clock.health.pairing_entry(clock.inputs)
+    assert "joint_states comes every 0.20 s, and pairing.max_gap is 0.1 s: every answer" in told
+
+
+def test_sentences_name_the_users_topics(clock: Time) -> None:
+    health = clock.of({"knee.source": "exo/encoder", "load.source": "exo/ft"})
+    clock.feed(range(0, 500, 5), ahead=150)
+    (_, values, (_, told)) = health.pairing_entry(clock.inputs)
+    assert "stamps of exo/encoder lie 0.150 s behind those of exo/ft: synchronise" in told
+    assert "jumps of exo/ft" in values
+
+
+def test_a_lag_counts_only_while_answers_come_and_after_the_start(clock: Time) -> None:
+    health = clock.health
+    health.counts.start_timer()
+    for wait, busy, told in ((1.0, True, False), (3.0, False, False), (1.0, True, True)):
+        clock.now += wait
+        health.counts.note_timer(0.025)
+        if busy:
+            clock.answer()
+        assert ("behind" in health.ticks_entry()[2][1]) == told
 
 
 @pytest.mark.parametrize(
@@ -101,7 +140,7 @@ def test_clocks_that_disagree_are_said_as_long_as_they_do(
 ) -> None:
     clock.feed(range(0, 500, 5), ahead=ahead)
     for _ in range(2):
-        _, _, (_, problem) = clock.health.pairing_entry()
+        _, _, (_, problem) = clock.health.pairing_entry(clock.inputs)
         assert f"stamps of joint_{first}" in problem.replace("reaction_", "")
         assert f"lie 0.150 s behind those of joint_{second}" in problem.replace("reaction_", "")
 
@@ -119,7 +158,7 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Ti
     ):
         for stamp in stamps:
             clock.push_angle(stamp)
-        _, values, problem = health.pairing_entry()
+        _, values, problem = health.pairing_entry(clock.inputs)
         assert problem == found
     assert values["angles not recorded"] == "30"
 

@@ -78,6 +78,7 @@ def test_of_a_value_that_is_set_twice_at_once_the_last_one_counts(
     values = {"femur.mass": Parameter("femur.mass", value=9.3014)}
     node: Any = SimpleNamespace(get_parameters_by_prefix=lambda _: values)
     for name in (
+        "add_pre_set_parameters_callback",
         "add_on_set_parameters_callback",
         "add_post_set_parameters_callback",
         "set_descriptor",

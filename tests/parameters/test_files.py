@@ -21,6 +21,7 @@ from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.parameters.curves import MAX_CURVE_POINTS, MAX_CURVE_SIZE
 from knee_contact_ros.parameters.files import (
+    all_values,
     check_file,
     flat_parameters,
     load_parameters,
@@ -241,14 +242,14 @@ CIRCLE = {"tibia.geometry": "circle"}
 REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
     Parameters: [
         ({"contact.damping": -1.0}, r"damping: -1\.0 .* greater than or equal to 0"),
-        ({"contact.damping": "5000"}, r"contact\.damping: '5000' is not .* a valid number"),
+        ({"contact.damping": "five"}, r"contact\.damping: 'five' is not .* a valid number"),
         ({"contact.damping": float("nan")}, "nan is not allowed; it should be a finite number"),
         ({"contact.law": "hook"}, r"'hook' is not allowed; allowed: .*hertz, kelvin_voigt"),
         ({"record.max_size": 0.01}, r"0\.01 .*; allowed: 0 \(off\) or a number >= 0\.1"),
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
         ({"contact.dampin": 1.0}, r"unknown .* contact\.dampin; did you mean contact\.damping\?"),
-        ({"zzz": 1.0}, r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("),
+        ({"zzz": 1.0}, r"unknown parameter zzz; the nearest of \d+ are (\S+, ){2}\S+$"),
         ({"femur.geometry": "profile"}, r"femur\.profile is empty"),
         (CIRCLE | {"tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
         (CIRCLE | {"tibia.radius": 0.034}, r"0\.034 .* exceed femur\.radius, 0\.034"),
@@ -486,6 +487,20 @@ def test_a_femur_that_leaves_the_plateau_is_reported(
     assert [bool(re.search(words, str(each.message))) for each in caught] == (
         [True] if words else []
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "number"),
+    [
+        ("contact.stiffness", "8e7", 8e7),
+        ("fidelity.tolerance", "1e-06", 1e-6),
+        ("contact.damping", "5000", 5000.0),
+        ("fidelity.budget", "20000", 20_000),
+    ],
+)
+def test_a_number_may_be_a_text(name: str, text: str, number: float) -> None:
+    assert all_values(load_parameters({name: text}))[name] == number
+    assert all_values(load_parameters({"record.path": "12"}))["record.path"] == "12"
 
 
 PERSON = {"person.mass": 92.0, "knee": {"joint_name": "motor", "sign": -1.0, "offset": 0.1}}
