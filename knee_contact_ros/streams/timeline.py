@@ -31,10 +31,6 @@ than this of one stream follow a pause, they are not a burst of wrong stamps eit
 are wrong. Tuned; `studies.pairing` would notice."""
 
 
-LONGEST_HOLE = 100
-"""Multiple of `max_gap` up to which a hole counts as samples that are missing, and not as another beginning"""
-
-
 class AngleSample(NamedTuple):
     """Flexion angle at a stamp, and femoral height with the displacement drive."""
 
@@ -116,7 +112,7 @@ class Timeline(Generic[S]):
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
         self.missing = 0
-        """Number of samples that holes in the stamps show to be missing"""
+        """Number of samples that holes in the stamps, up to `max_gap`, show to be missing; a longer one is flagged"""
         self.set_back = 0
         """Time [ns] by which the clock was set back, for less than `max_gap` and for good"""
         self.on_set_back: Callable[[], object] = lambda: None
@@ -304,7 +300,7 @@ class Timeline(Generic[S]):
         """Count the samples that are missing before a long step [ns], unless it sets the clock right again."""
         if self.set_back and abs(step - usual - self.set_back) <= usual:
             self._set_back_by(0)
-        elif len(self.steps) == STEPS and step <= self._max_gap * LONGEST_HOLE:
+        elif len(self.steps) == STEPS and step <= self._max_gap:
             self.missing += round(step / usual) - 1
 
 

@@ -401,3 +401,17 @@ def test_both_clocks_set_back_and_packets_out_of_order_are_no_such_clock(seed: i
 
     assert not sent(200, draw.uniform(0.02, 0.09), "angle load")[0].lasting
     assert not sent(200, 0.0, "", disorder)[0].set_apart
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed: int) -> None:
+    """What a full queue has dropped shows in the stamps only; a pause beyond `max_gap` is flagged."""
+    draw, paired = random.Random(seed), Synchroniser(PairingSection(max_gap=0.1))
+    lost = {number for number in draw.sample(range(100, 2000), 40) if number % 3}
+    for number in range(2000):
+        stamp = round(5e6 * number + draw.uniform(-5e5, 5e5))
+        list(paired.push_angle(AngleSample(stamp, 0.1)))
+        if number not in lost:
+            list(paired.push_load(LoadSample(stamp, 1.0, 0.0, "")))
+    assert paired.load_time.missing == pytest.approx(len(lost), abs=3)
+    assert paired.angle_time.missing == 0
