@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -48,7 +46,7 @@ class SqliteFile(BagFile):
             self.faults.append(
                 f"{log.name} holds messages that were never merged: open the bag once with sqlite3"
             )
-        address = f"file:{quote(os.fsencode(path.absolute()))}?mode=ro&immutable=1"
+        address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._database = sqlite3.connect(address, uri=True)
         self.close = self._database.close
         try:

@@ -222,10 +222,12 @@ class Coder(Generic[Content]):
             if layout is None or not layout.fits(parts):
                 layout = self._read(received)
                 parts = layout.unpack(received)
+            if parts[2] >= NANOSECONDS:  # no such time exists, and nobody knows which one is meant
+                return None
             content: Content = self.kind(
                 parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts)
             )
-            if layout.is_written and parts[2] < NANOSECONDS:
+            if layout.is_written:
                 return content, layout.written.pack(*parts)
             return content, layout.written.pack(*layout.written.parts(content))
         except UNKNOWN:
@@ -241,6 +243,8 @@ class Coder(Generic[Content]):
         if decoded is None:
             if data.startswith(REFUSED_PREFIX):
                 raise RefusedSampleError(*data[len(REFUSED_PREFIX) :].decode().split("\n", 1))
+            if len(data) >= STAMP_END and data[:2] in STAMPS:
+                check_nanoseconds(STAMPS[data[:2]](data)[1], topic)
             raise RefusedSampleError(
                 "undecodable", f"{topic}: {len(data)} bytes are not a message of its type"
             )
@@ -411,6 +415,25 @@ def checked_stamp(stamp: int, topic: str) -> int:
     return stamp
 
 
+def check_nanoseconds(nanoseconds: int, topic: str) -> None:
+    """Check the nanoseconds of a stamp in a message of a topic.
+
+    Raises:
+        RefusedSampleError: they are a second or more.
+    """
+    if nanoseconds >= NANOSECONDS:
+        raise RefusedSampleError(
+            "bad_stamp",
+            f"{topic}: stamp.nanosec is {nanoseconds}, and must be below {NANOSECONDS}",
+        )
+
+
+def checked_time(stamp: Any, topic: str) -> int:
+    """Stamp [ns] in a message of a topic; raises as `check_nanoseconds`."""
+    check_nanoseconds(stamp.nanosec, topic)
+    return stamp_to_ns(stamp)
+
+
 def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
     """Bytes of the `KneeContact` message of an answer, with a stamp [ns] that replaces the one in the row.
 
@@ -495,7 +518,7 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
     header = message.header
     return encode_joint_state(
         JointState(
-            stamp_to_ns(header.stamp),
+            checked_time(header.stamp, DYNAMIC_JOINT_STATES),
             header.frame_id,
             tuple(positions),
             tuple(positions.values()),

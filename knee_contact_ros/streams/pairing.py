@@ -14,7 +14,13 @@ from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.sections import PairingSection
-from knee_contact_ros.streams.timeline import AngleSample, LoadSample, Refusals, Timeline
+from knee_contact_ros.streams.timeline import (
+    LONG_STEP,
+    AngleSample,
+    LoadSample,
+    Refusals,
+    Timeline,
+)
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 # Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
@@ -73,6 +79,7 @@ class Synchroniser:
         self.load_time: Timeline[LoadSample] = Timeline(
             self._max_gap, self._queue, self.refused, "load"
         )
+        self.angle_time.on_set_back = self.load_time.on_set_back = self._compare_set_back
         self.unrecorded_angles = 0
         """Number of angles in no pair, because more than `pairing.queue` came between two loads"""
         self.waiting_loads: deque[LoadSample] = deque()
@@ -246,6 +253,17 @@ class Synchroniser:
             self._set_clocks_differ(differ or self.clocks_differ)
         if of_load and len(self.leads) < MAX_LEADS:
             self.leads.append(stamp - other)
+
+    @property
+    def set_apart(self) -> float:
+        """Time [s] by which the clock of the angles was set back beside that of the loads, as refused samples show."""
+        return (self.angle_time.set_back - self.load_time.set_back) / NANOSECONDS
+
+    def _compare_set_back(self) -> None:
+        """Flag all answers while one clock was set back beside the other."""
+        usual = max(self.angle_time.step_limit, self.load_time.step_limit) // LONG_STEP
+        is_apart = abs(self.set_apart) * NANOSECONDS > usual
+        self.flag_from_now("clock set back", STALE_INPUT if is_apart else OK)
 
     def _set_clocks_differ(self, differ: bool) -> None:
         self.clocks_differ = differ
