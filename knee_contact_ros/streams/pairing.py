@@ -263,7 +263,7 @@ class Synchroniser:
         """Flag all answers while one clock was set back beside the other."""
         usual = max(self.angle_time.step_limit, self.load_time.step_limit) // LONG_STEP
         is_apart = abs(self.set_apart) * NANOSECONDS > usual
-        self.flag_from_now("clock set back", STALE_INPUT if is_apart else OK)
+        self.flag_from_now("clock set back", STALE_INPUT if is_apart else STATUS_OK)
 
     def _set_clocks_differ(self, differ: bool) -> None:
         self.clocks_differ = differ
