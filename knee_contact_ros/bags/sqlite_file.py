@@ -26,7 +26,9 @@ MESSAGE_ROWS = (
     "AND typeof(data) = 'blob'"
 )
 """Rows that are messages"""
-DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+SELECT_DEFINITIONS = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+)
 
 
 class SqliteFile(BagFile):
@@ -105,7 +107,7 @@ class SqliteFile(BagFile):
 
     def _find_channels(self, has_definitions: bool) -> None:
         """Find the topics, with their definitions if the file has any."""
-        found = self._database.execute(DEFINITIONS) if has_definitions else ()
+        found = self._database.execute(SELECT_DEFINITIONS) if has_definitions else ()
         definitions = {
             str(name): definition_of(str(encoding), str(text).encode())
             for name, encoding, text in found

@@ -47,7 +47,7 @@ LIVE_GATHER = 0.05
 """The same, for a live viewer"""
 SERVED_MEMORY = "64MB"
 """Memory that a server keeps for viewers that connect later; older data is dropped first"""
-BATCH_SIZE = 4000
+MAX_BATCH = 4000
 """Number of answers shown at a time: a message to Rerun costs as much as hundreds of answers"""
 FILE_PERIOD = 1.0
 """Longest time [s] that a batch waits to be full, for a file"""
@@ -180,7 +180,7 @@ class Viewer:
     def write(self, parts: Sequence[bytes]) -> None:
         """Add the rows of answers to the batch, and show it if it is full."""
         self._batch += parts
-        if len(self._batch) >= BATCH_SIZE:
+        if len(self._batch) >= MAX_BATCH:
             self._show()
 
     def note(self, name: str, values: dict[str, str]) -> None:
