@@ -26,7 +26,7 @@ from knee_contact_ros.commands.options import (
 )
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import check_distinct, require
-from knee_contact_ros.system.output_files import check_not_input, write_complete
+from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import say, warn
 
@@ -117,6 +117,7 @@ def solve(
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
     with merged_bags(bags) as path, Bag(path) as bag:
+        in_bag = in_bag.found_in(bag)
         basis = basis_of(
             bag, given.parameter_files or None, given.values(), person, in_bag.namespace
         )
@@ -171,6 +172,7 @@ def estimate_load(
     from knee_contact_ros.streams.topics import LOAD_INPUTS
 
     with Bag(bag) as opened:
+        in_bag = in_bag.found_in(opened, *LOAD_INPUTS)
         parameters, without, doubts = load_parameters_for(
             opened, given.files(None), given.values(), in_bag.namespace
         )
@@ -249,14 +251,20 @@ def view(
 
 @click.command()
 @click.argument("bag", type=FILE)
-@output_option("OUT", "Table to write: .csv or .parquet.", ".csv", ".parquet")
+@output_option(
+    "OUT",
+    "Table to write: .csv or .parquet.",
+    ".csv",
+    ".parquet",
+    replace="Replace OUT if it exists.",
+)
 @click.option(
     "--topic",
     default="",
     metavar="NAME",
     help="Write the answers on this topic only. [default: all topics]",
 )
-def table(bag: Path, output: Path, topic: str) -> None:
+def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
     """Write the answers of a recording as a table.
 
     The table has one row for each answer, in SI units: time, run, and every number of the message. Each component of a
@@ -270,8 +278,11 @@ def table(bag: Path, output: Path, topic: str) -> None:
     from knee_contact_ros.results import answer_table
 
     check_not_input(output, files_of(bag))
+    if not overwrite:
+        check_name_free(output)
     with Bag(bag) as recording:
         topics = [absolute(topic)] if topic else answer_topics(recording)
+        recording.check_content()
         if not topics:
             raise UsageError(f"{bag} has no answers: knee-contact solve computes them")
         if output.suffix == ".parquet":

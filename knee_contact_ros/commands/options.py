@@ -16,6 +16,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import check_output
 
 if TYPE_CHECKING:
+    from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.names import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
@@ -178,6 +179,14 @@ class BagNames(NamedTuple):
 
     remaps: tuple[str, ...]
     namespace: str
+
+    def found_in(self, bag: Bag, *inputs: str) -> BagNames:
+        """Return these names, with the only namespace of the `inputs` in a bag where no option says anything."""
+        from knee_contact_ros.bags.names import only_namespace
+
+        if self.remaps or self.namespace:
+            return self
+        return self._replace(namespace=only_namespace(bag.topics, *([inputs] if inputs else [])))
 
     def names(self, *inputs: str) -> Names:
         """Return the names of the `inputs` in the bag, by default those of the contact node.
