@@ -200,8 +200,14 @@ def align(**options: Any) -> None:
 @choice_option(
     "--compartment",
     ["medial", "lateral"],
-    "For --slice auto: medial is z < 0, lateral z > 0.",
+    "For --slice auto: medial is z < 0, lateral z > 0; of a surface with both, beside the middle between the condyles.",
     "medial",
+)
+@choice_option(
+    "--leg",
+    ["right", "left"],
+    "Leg of the knee. A left one is mirrored to a right one, unless --axes are given.",
+    "right",
 )
 @choice_option(
     "--unit",
@@ -212,8 +218,8 @@ def align(**options: Any) -> None:
 @click.option(
     "--axes",
     metavar="X,Y,Z",
-    help="Axes of the file that point anterior, superior and lateral, for example --axes=-y,z,x. [default: those of a "
-    "right knee if the file states its space (label maps, SPACE=RAS); otherwise x,y,z]",
+    help="Axes of the file that point anterior, superior and lateral, for example --axes=-y,z,x. [default: those of "
+    "the leg if the file states its space (label maps, SPACE=RAS); otherwise x,y,z]",
 )
 @click.option(
     "--origin",
@@ -242,7 +248,7 @@ def align(**options: Any) -> None:
     "--bone-label", type=int, metavar="N", help="Label of the bone in a label map given as --bone."
 )
 @overwrite_option("Replace OUT.csv, OUT.png and OUT.yaml if they exist.")
-def fit_profile(mesh: Path, side: str, compartment: str, **others: Any) -> None:
+def fit_profile(mesh: Path, side: str, compartment: str, leg: str, **others: Any) -> None:
     """Make a profile from a mesh of cartilage.
 
     It cuts MESH, smooths the articular side of the slice, and writes the profile for femur.profile or tibia.profile, a
@@ -251,7 +257,8 @@ def fit_profile(mesh: Path, side: str, compartment: str, **others: Any) -> None:
     """
     from knee_contact_ros.lab.profiles import LABEL_WIDTH, ProfileOptions, run_fit_profile
 
-    options = ProfileOptions(mesh, femur=side == "femur", medial=compartment == "medial", **others)
+    others |= {"femur": side == "femur", "medial": compartment == "medial", "left": leg == "left"}
+    options = ProfileOptions(mesh, **others)
     for line in run_fit_profile(options):
         say(line, hang=LABEL_WIDTH)
 

@@ -22,10 +22,16 @@ from knee_contact_ros.model.types import ROW, Floats, Rows, Status
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.curves import curve_files, lateral_texts, read_curve
 from knee_contact_ros.parameters.files import known_parameters, variations_of
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
+from knee_contact_ros.parameters.schema import (
+    Parameters,
+    has_two_compartments,
+    lateral_knee,
+    without_effect,
+)
 from knee_contact_ros.streams.compartments import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 
+_CONTACT = "contact."
 CACHE_SIZE = 64
 """Number of pairs of surfaces, and of series of loads, that are kept for later cases with the same ones"""
 VARIABLE_PREFIXES = (
@@ -142,6 +148,16 @@ def _check_size(what: str, values: Floats, most: float, unit: str) -> None:
     beyond = values[np.abs(values) > most]
     if beyond.size:
         raise UsageError(f"{what} {beyond[0]:g} {unit} is not allowed; at most {most:g} {unit}")
+
+
+def idle_doubt(parameters: Parameters, varied: Iterable[str]) -> list[str]:
+    """Return a sentence that some varied parameters do nothing, so that cases repeat each other, in a list."""
+    names = list(varied)
+    if "contact.law" in names or "contact.stiffness_from" in names:
+        return []
+    own = [name.removeprefix(_CONTACT) for name in names if name.startswith(_CONTACT)]
+    sentence = without_effect(parameters.contact, own)
+    return [f"{sentence}: cases repeat each other"] if sentence else []
 
 
 def check_may_vary(names: Iterable[str]) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import OWN_NAMES, Names
 from knee_contact_ros.bags.provenance import Provenance
+from knee_contact_ros.model.inputs import InputCheck
 from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
 from knee_contact_ros.offline.bag_parameters import resolved_parameters
 from knee_contact_ros.offline.solve import solve
@@ -139,11 +140,15 @@ def recording_from_arrays(gait: Mapping[str, ArrayLike], parameters: Parameters)
     def column(name: str) -> Floats:
         return columns.get(name, np.full(len(time), unknown))
 
+    check = InputCheck(parameters.body_weight, load_driven=parameters.drive != "displacement")
+    loads = column("axial_load")
+    check.add_samples(stamps, columns["flexion_angle"], loads if check.load_driven else 0.0 * time)
     return Recording(
         stamps,
         np.diff(stamps, prepend=stamps[:1]) * NANOSECOND,
         columns["flexion_angle"],
-        column("axial_load"),
+        loads,
         column("frontal_moment"),
         column("femoral_height"),
+        doubts=tuple(check.sentences),
     )

@@ -21,7 +21,14 @@ import numpy as np
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.folder import bag_digest
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, model_digest
-from knee_contact_ros.lab.knees import VARIABLE_PREFIXES, Computed, Knees, compute, file_texts
+from knee_contact_ros.lab.knees import (
+    VARIABLE_PREFIXES,
+    Computed,
+    Knees,
+    compute,
+    file_texts,
+    idle_doubt,
+)
 from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOME_RECORD
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt
 from knee_contact_ros.lab.shards import brief_reason, is_address
@@ -157,7 +164,10 @@ def groups_of(study: Study) -> list[CaseGroup]:
             texts = dict[str, str]()
             file_texts(parameters, texts)
             shared = params, parameters, texts, variations_of(parameters)
-            found.append(CaseGroup(bag, place, digest, damage, doubts, ticks, *shared))
+            own = tuple(
+                f"{' + '.join(params)}: {each}" for each in idle_doubt(parameters, study.names)
+            )
+            found.append(CaseGroup(bag, place, digest, damage, (*doubts, *own), ticks, *shared))
     return found
 
 

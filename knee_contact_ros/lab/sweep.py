@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.names import names_in_bag
-from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts
+from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts, idle_doubt
 from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
 from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_from_arrays
 from knee_contact_ros.model.ringing import ringing_sentence
@@ -134,6 +134,8 @@ def sweep(
         if isinstance(gait, Mapping):
             parameters = load_parameters(params)
             recording = recording_from_arrays(gait, parameters)
+            for sentence in recording.doubts:
+                warnings.warn(sentence, stacklevel=2)
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
             with Bag(expand_user(str(gait))) as bag:
@@ -145,8 +147,10 @@ def sweep(
             warn_of(bag.path, "solved", [*doubts, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     computed = compute(knees, cases, series=series, threads=threads)
-    if computed.ringing:
-        warnings.warn(f"of some cases {ringing_sentence(computed.ringing)}", stacklevel=2)
+    rings = [f"of some cases {ringing_sentence(computed.ringing)}"] if computed.ringing else []
+    idle = idle_doubt(parameters, [name for name in dotted(values) if len(cases) > 1])
+    for sentence in [*rings, *idle]:
+        warnings.warn(sentence, stacklevel=2)
     medial, lateral = (rows.view(Records) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     both = computed.has(1).any()

@@ -46,6 +46,19 @@ _STANDING_LOAD = 0.5
 """Load [BW] above which a leg counts as standing"""
 _TYPICAL_WEIGHT = 735.0
 """Body weight [N] for `_STANDING_LOAD` and `_PERCENT_LOAD` if it is not known: that of 75 kg"""
+_IDLE_LOAD = 0.2
+"""Load [BW] below which a straight leg is not stood on: even the half of a knee bears more in quiet standing"""
+_IDLE_SHARE = 0.03
+"""Fraction of ticks with an idle straight leg from which angle and load may be of different times"""
+_HOLE = 1.0
+"""Time step [s] that is a hole, if the others are shorter by `_HOLE_RATIO`"""
+_HOLE_RATIO = 10.0
+_COARSE_STEP = 0.1
+"""Mean time step [s] from which a load that changes much between samples is sampled too coarsely"""
+_COARSE_CHANGE = 0.2
+"""Mean change of the load between samples, as a fraction of its range: a period then has ten samples or fewer"""
+_FEW_TICKS = 10
+"""Number of ticks from which steps are judged"""
 _LONG_STEP = 0.5
 """Time step [s] that is too long to show a gait"""
 _NET_FORCE = 1.5
@@ -87,6 +100,13 @@ class InputCheck:
     """Number of loads beyond those of any knee"""
     long_steps: int = 0
     """Number of time steps of `_LONG_STEP` or more"""
+    longest_step: int = 0
+    """Longest time step [ns]"""
+    _idle: int = 0
+    """Number of ticks with a flexion below `_STANCE_FLEXION` and a load below `_IDLE_LOAD`"""
+    _load_way: float = field(default=0.0, compare=False)
+    """Sum of the changes [N] of the load between ticks"""
+    _last_load: float = field(default=0.0, compare=False)
     # Sums are not compared: their rounding depends on the blocks in which samples came.
     _standing: int = 0
     """Number of ticks in which the leg stood"""
@@ -118,8 +138,12 @@ class InputCheck:
         """Add samples, at least one: stamps [ns], flexion angles [rad] and loads [N], shape (n,)."""
         if not self.ticks:
             self._first = self._previous = int(stamps[0])
+            self._last_load = float(loads[0])
+        self._load_way += float(np.abs(np.diff(loads, prepend=self._last_load)).sum())
+        self._last_load = float(loads[-1])
         steps = np.diff(stamps, prepend=self._previous)
         self.long_steps += int(np.count_nonzero(steps >= _LONG_STEP / NANOSECOND))
+        self.longest_step = max(self.longest_step, int(steps.max()))
         self._previous = int(stamps[-1])
         self._latest = max(self._latest, int(stamps.max()))
         self.ticks += len(stamps)
@@ -135,6 +159,8 @@ class InputCheck:
         straight = angles < _STANCE_FLEXION
         self._bent += int(np.count_nonzero(bent))
         self._straight += int(np.count_nonzero(straight))
+        idle = loads < _IDLE_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
+        self._idle += int(np.count_nonzero(straight & idle))
         self._bent_load += float(loads[bent].sum())
         self._straight_load += float(loads[straight].sum())
         self._add_turning(stamps, angles)
@@ -192,8 +218,8 @@ class InputCheck:
             return ""
         return (
             f"the load of a swinging and standing leg reaches {self.max_load / weight:.2f} body weights in the whole "
-            "knee, and the contact force of a walking knee 2 to 3: is it the net joint force of inverse dynamics, "
-            "which has no muscle forces? estimate-load adds them, from the net force and the knee's net moment"
+            "knee, and the contact force of a walking knee 2 to 3: is body_weight another person's, or is it the net "
+            "joint force of inverse dynamics, which has no muscle forces? estimate-load adds them, from the net force and the knee's net moment"
         )
 
     @property
@@ -280,9 +306,52 @@ class InputCheck:
         return f"the samples are {step:.3g} s apart: are their times in milliseconds instead of seconds?"
 
     @property
+    def about_pairing(self) -> str:
+        """Sentence about a leg that is stood on when bent and idle when straight, as no step is; empty otherwise."""
+        enough = min(self._bent, self._straight) >= _JUDGED_SHARE * self.ticks
+        bent_more = self._bent_load * self._straight > self._straight_load * self._bent
+        idle = self._idle >= _IDLE_SHARE * self.ticks
+        judged = self._can_be_judged and self.load_driven and not self.about_load
+        pulls = self.min_load < -_IDLE_LOAD * (self.body_weight or _TYPICAL_WEIGHT)
+        if pulls or not (judged and enough and bent_more and idle):
+            return ""
+        bent, straight = self._bent_load / self._bent, self._straight_load / self._straight
+        return (
+            f"the load is {bent:.0f} N on average when the knee is bent, and {straight:.0f} N when it is straight and "
+            "idle at times: a step is the other way round; are angle and load of the same times (stamps, "
+            "pairing.angle_delay)?"
+        )
+
+    @property
+    def about_steps(self) -> str:
+        """Sentence about a hole between samples, or about samples too far apart for their load; empty otherwise."""
+        if self.ticks < _FEW_TICKS or self.about_time:
+            return ""
+        whole = self._latest - self._first
+        others = (whole - self.longest_step) / (self.ticks - 2)
+        hole = self.longest_step * NANOSECOND
+        if hole >= _HOLE and self.longest_step >= _HOLE_RATIO * others:
+            return f"there is a hole of {hole:.3g} s between two samples: angle and load are straight lines there"
+        step = whole * NANOSECOND / (self.ticks - 1)
+        change = self._load_way / (self.ticks - 1)
+        if step >= _COARSE_STEP and change > _COARSE_CHANGE * (self.max_load - self.min_load):
+            return (
+                f"the samples are {step:.3g} s apart, and the load changes by {change:.0f} N from one to the next: "
+                "lines between them are no gait; it needs some 50 samples a second"
+            )
+        return ""
+
+    @property
     def sentences(self) -> list[str]:
-        """All sentences."""
-        return [text for text in (self.about_angle, self.about_load, self.about_time) if text]
+        """All sentences on a whole run."""
+        texts = (
+            self.about_angle,
+            self.about_load,
+            self.about_time,
+            self.about_pairing,
+            self.about_steps,
+        )
+        return [text for text in texts if text]
 
 
 @dataclass

@@ -25,6 +25,7 @@ import numpy as np
 from knee_contact_ros.model import ticks
 from knee_contact_ros.model.compiler import (
     ENTRY,
+    FAST_ENTRY,
     HOST_SIZES,
     BuildError,
     build,
@@ -75,13 +76,9 @@ class Constants:
 
     def __init__(self, knee: KneeConstants) -> None:
         """Lay out the constants; see `structure` for the layout."""
-        self.knee = knee
         self._kept: list[Any] = []
         self.address = self._structure(knee)
         """Address of the outer structure, valid as long as this object lives"""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Constants, (self.knee,)
 
     def _structure(self, values: Any) -> int:
         layout, numbers = "", list[Any]()
@@ -113,6 +110,9 @@ class Kernel:
         self._function = library() if compiled else None
         self._constants = Constants(knee) if self._function else None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(Kernel, compiled=self._function is not None), (self.knee,)
+
     def bind(self, state: Floats, samples: Floats, answers: Rows) -> Callable[[], object]:
         """Return a function that computes samples, shape (n, 4), from a state into answers, shape (n,).
 
@@ -131,7 +131,8 @@ class Kernel:
 def library() -> Callable[..., int] | None:
     """Return the function of the library, which is built first if it is missing; None, with a warning, without it."""
     try:
-        function: Any = ctypes.CDLL(str(library_file()))[ENTRY]
+        loaded = ctypes.CDLL(str(library_file()))
+        function: Any = loaded[FAST_ENTRY if has_fast_processor() else ENTRY]
     except (BuildError, OSError) as error:
         text = "knee_contact_ros: there is no compiled model (%s); the plain one computes, slowly"
         _log.warning(text, " ".join(str(error).split()))
@@ -140,6 +141,15 @@ def library() -> Callable[..., int] | None:
     function.argtypes = pointer, pointer, pointer, ctypes.c_int64, pointer
     function.restype = ctypes.c_int32
     return function  # type: ignore[no-any-return]
+
+
+def has_fast_processor() -> bool:
+    """Whether the library has a copy for this processor: x86-64-v3 on Linux, which most since 2013 and 2015 are."""
+    if not host().fast_cpu:
+        return False
+    with Path("/proc/cpuinfo").open(encoding="utf-8") as file:
+        flags = next((line for line in file if line.startswith("flags")), "").split()
+    return {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"} <= set(flags)
 
 
 def translated_run() -> str:
@@ -160,7 +170,10 @@ def portable_code() -> str:
         raise BuildError("Numba is not installed")
     sys.stderr.write("knee_contact_ros: building the compiled model, once (some 8 s)\n")
     # By its full name: this module may be the one that was started.
-    code = "from knee_contact_ros.model.kernel import translated_run; print(translated_run())"
+    code = (
+        "from knee_contact_ros.model.kernel import translated_run; import gc; gc.disable(); "
+        "print(translated_run())"  # which makes no cycles that are worth looking for
+    )
     made = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )

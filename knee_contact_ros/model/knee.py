@@ -147,7 +147,7 @@ class KneeModel:
             plausible_depth=float(self.plausible_depth),
         )
 
-    @property
+    @cached_property
     def kernel(self) -> Kernel:
         """What computes the ticks: the library, or the plain model; both give the same bits."""
         return Kernel(self.constants, compiled=self.compiled is not False)

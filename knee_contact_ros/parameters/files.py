@@ -365,10 +365,7 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
-            names = [one for one in known if not one.startswith(LATERAL_PREFIX)]
-            if len(names) < len(known):
-                names.append(f"{LATERAL_PREFIX}* (as for femur, tibia and contact)")
-            hint = suggest(shortened(name), known, f"known are {', '.join(names)}", cutoff=0.5)
+            hint = suggest(shortened(name), known, cutoff=0.5)
             raise UsageError(f"{where}unknown parameter {shortened(name)}; {hint}")
         *sections, inner = name.split(".")
         value = number_in(value, known[name].default)  # noqa: PLW2901

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
@@ -206,6 +206,26 @@ class CommonContactSection(Section):
 def constants_of(law: str) -> list[str]:
     """Names of the parameters `contact.*` that a law uses."""
     return list(_arguments(CONTACT_LAWS[law]))
+
+
+def without_effect(contact: CommonContactSection, names: Iterable[str]) -> str:
+    """Sentence on those of some parameters `contact.*`, by name, that do nothing under the law; empty if all do."""
+    used = {"law", "allow_tension", "stiffness_from", "femoral_radius", "tibial_radius"}
+    constants = set(constants_of(contact.law))
+    if contact.stiffness_from == "material":
+        of_first = {"stiffness": {"youngs_modulus", "poissons_ratio"}}
+        of_second = {"stiffness_2": {"youngs_modulus_2", "poissons_ratio_2"}}
+        for stiffness, material in (of_first | of_second).items():
+            if stiffness in constants:
+                constants = constants - {stiffness} | material
+    if "layer_depth" not in constants:
+        constants.add("foundation_thickness")  # of the strain
+    idle = [f"contact.{name}" for name in names if name not in used | constants]
+    verb = "has" if len(idle) == 1 else "have"
+    how = " with contact.stiffness_from material" if contact.stiffness_from == "material" else ""
+    return (
+        f"{', '.join(idle)} {verb} no effect under contact.law {contact.law}{how}" if idle else ""
+    )
 
 
 @functools.cache

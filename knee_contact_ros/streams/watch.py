@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import STANDING_LOAD
 from knee_contact_ros.joint_reaction.estimator import body_weight_doubt
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.inputs import AxisCheck, InputCheck
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import (
@@ -28,7 +29,13 @@ from knee_contact_ros.model.types import (
     Rows,
     Status,
 )
-from knee_contact_ros.parameters.schema import ContactSection, Parameters
+from knee_contact_ros.parameters.schema import (
+    ContactSection,
+    Parameters,
+    constants_of,
+    without_effect,
+)
+from knee_contact_ros.parameters.subjects import FEMORAL_SHARE
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -42,6 +49,10 @@ GAIT_ANGLES = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
 """Flexion angles of gait [rad]"""
 MAX_CONTACT_PLACE = 0.045
 """Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is about 25 mm"""
+LEAST_DAMPING = 5.0
+"""Decay rate [1/s] of an oscillation below which a damping is doubted: it is then a fiftieth of the paper's"""
+HEAVIEST_FEMUR = 0.4
+"""Mass of the moved femur, as a part of the body's, above which it is doubted: three times that of a thigh"""
 _IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 
 
@@ -82,6 +93,10 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
         body_weight_doubt(parameters.body_weight),
         _stiffness_doubt(parameters, model),
         _place_doubt(parameters, model),
+        _damping_doubt(parameters, model),
+        _layer_doubt(parameters, model),
+        _mass_doubt(parameters),
+        without_effect(contact, set_values(contact)),
     ]
     soft, hard = contact.stiffness, contact.stiffness_2
     if len(model.law.layers) > 1 and contact.stiffness_from == "value" and hard < soft:
@@ -93,6 +108,50 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
             "live, the node answers every force before its angle arrives (INPUT_HELD)"
         )
     return [doubt for doubt in doubts if doubt]
+
+
+def set_values(contact: ContactSection) -> list[str]:
+    """Names of the parameters `contact.*` that were set to other values than their defaults."""
+    fields = type(contact).model_fields
+    return [
+        name
+        for name in fields
+        if name in contact.model_fields_set and getattr(contact, name) != fields[name].default
+    ]
+
+
+def _damping_doubt(parameters: Parameters, model: KneeModel) -> str:
+    """Sentence about a damping that must be in N s/mm; empty if it is plausible."""
+    contact = parameters.contact
+    used = "damping" in constants_of(contact.law)
+    if not used or not 0.0 < contact.damping < 2.0 * model.mass * LEAST_DAMPING:
+        return ""
+    return (
+        f"contact.damping {contact.damping:g} N s/m hardly damps; {contact.damping:g} N s/mm would be "
+        f"{MM * contact.damping:g} N s/m"
+    )
+
+
+def _layer_doubt(parameters: Parameters, model: KneeModel) -> str:
+    """Sentence about a first layer that is thicker than any plausible depth; empty if it is plausible."""
+    depth, limit = parameters.contact.layer_depth, model.plausible_depth
+    if len(model.law.layers) < 2 or depth <= limit:
+        return ""
+    return (
+        f"contact.layer_depth {depth:g} m is {MM * depth:.3g} mm, and bone is never reached, as that is "
+        f"{beyond_words(model)}; {depth:g} cm would be {1e-2 * depth:g} m"
+    )
+
+
+def _mass_doubt(parameters: Parameters) -> str:
+    """Sentence about a femur that is as heavy as the body; empty if its mass is plausible."""
+    body, mass = parameters.body_weight / GRAVITY, parameters.femur.mass
+    if mass <= HEAVIEST_FEMUR * body or body_weight_doubt(parameters.body_weight):
+        return ""
+    return (
+        f"femur.mass {mass:g} kg is {100.0 * mass / body:.0f} % of the body's {body:.4g} kg: is it the body's? A femur "
+        f"has some 12 %: {FEMORAL_SHARE * body:.3g} kg"
+    )
 
 
 def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
@@ -245,7 +304,12 @@ class Doubts:
         load = self.axes.sentence or self.inputs.about_load
         return [
             sentence
-            for sentence in (self.inputs.about_angle, load, self.inputs.about_time)
+            for sentence in (
+                self.inputs.about_angle,
+                load,
+                self.inputs.about_time,
+                self.inputs.about_pairing,
+            )
             if sentence
         ]
 

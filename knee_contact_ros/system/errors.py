@@ -36,9 +36,14 @@ def list_names(names: Sequence[str]) -> str:
 
 
 def suggest(name: str, names: Collection[str], otherwise: str = "", cutoff: float = 0.6) -> str:
-    """Return a hint for an unknown name: the similar known one, or else `otherwise`, or else all known ones."""
+    """Return a hint for an unknown name: the similar known one, or `otherwise`, or the known or nearest ones."""
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
-    return f"did you mean {near[0]}?" if near else otherwise or f"allowed are {', '.join(names)}"
+    if near or otherwise:
+        return f"did you mean {near[0]}?" if near else otherwise
+    if len(names) <= MAX_NAMES:
+        return f"allowed are {', '.join(names)}"
+    nearest = difflib.get_close_matches(name, names, n=3, cutoff=0.0)
+    return f"the nearest of {len(names)} are {', '.join(nearest)}"
 
 
 def join_faults(faults: Collection[str]) -> str:

@@ -97,6 +97,15 @@ def sentences_about(
             "s apart: are their times in milliseconds instead of seconds?",
         ),
         (
+            lambda t, q, load: (t, q, np.interp((t - 0.4) % (4.0 * 1.2), t, load)),
+            "a step is the other way round; are angle and load of the same times",
+        ),
+        (lambda t, q, load: (np.where(t > t[200], t + 2.0, t), q, load), "a hole of 2"),
+        (
+            lambda t, q, load: (t[::40], q[::40], load[::40]),
+            "s apart, and the load changes by",
+        ),
+        (
             lambda t, q, load: (t / 7.0, q, load),
             "rad/s (at ",
         ),

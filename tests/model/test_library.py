@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
 import threading
 from dataclasses import replace
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 from knee_contact_ros import load_model
-from knee_contact_ros.model import compiler
-from knee_contact_ros.model.compiler import ENTRY, TARGETS, BuildError, object_code
+from knee_contact_ros.model import compiler, kernel
+from knee_contact_ros.model.compiler import (
+    ENTRY,
+    FAST_ENTRY,
+    TARGETS,
+    BuildError,
+    host,
+    object_code,
+)
 from knee_contact_ros.model.kernel import is_built, library_file
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from tests.helpers.package import copy_of_the_package
@@ -42,6 +51,27 @@ def test_the_library_gives_the_bits_of_plain_python(name: str, level: str) -> No
         plain = replace(plain, level={"dynamic": plain.level, "quasi_static": 0}[level])
         fast = replace(plain, compiled=True)
         assert plain.run(time, angle, load).tobytes() == fast.run(time, angle, load).tobytes()
+
+
+def test_both_copies_of_the_library_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That for older processors, and that for newer ones."""
+    if not kernel.has_fast_processor():
+        pytest.skip("needs a processor of x86-64-v3 and Linux")
+    knees = [model(law("gonthier"), pair=pair()) for pair in PAIRS.values()]
+    runs = []
+    for fast in (True, False):
+        monkeypatch.setattr(kernel, "has_fast_processor", lambda fast=fast: fast)
+        monkeypatch.setattr(kernel, "library", cache(kernel.library.__wrapped__))
+        runs.append(
+            [replace(knee, compiled=True).run(*hopping(300, 2e-3)).tobytes() for knee in knees]
+        )
+    assert runs[0] == runs[1]
+
+
+def test_a_model_that_has_run_can_be_sent_to_another_process() -> None:
+    knee = load_model(compiled=True)
+    answers = [one.run(*hopping(9)).tobytes() for one in (knee, pickle.loads(pickle.dumps(knee)))]  # noqa: S301
+    assert answers[0] == answers[1]
 
 
 def test_any_number_of_threads_may_run_knees() -> None:
@@ -129,7 +159,9 @@ def test_the_library_needs_libm_alone_and_holds_no_data() -> None:
     symbols = [line.split()[-2:] for line in listed.stdout.splitlines()]
     needed = {name.split("@")[0] for kind, name in symbols if kind == "U"}
     assert needed <= LIBM
-    assert [name for kind, name in symbols if kind in "TDB"] == [ENTRY]
+    assert [name for kind, name in symbols if kind in "TDB"] == (
+        [ENTRY, FAST_ENTRY] if host().fast_cpu else [ENTRY]
+    )
 
 
 @needs_numba
@@ -141,7 +173,7 @@ def test_code_with_sizes_or_names_of_this_machine_is_refused(
     monkeypatch.setattr(
         compiler,
         "_entry_code",
-        lambda: (
+        lambda _entry: (
             "declare i32 @kernel()\ndefine i32 @knee_contact_run() { %c = call i32 @kernel()\n ret i32 %c }"
         ),
     )

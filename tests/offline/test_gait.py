@@ -92,7 +92,7 @@ def test_cycles_are_the_answers_at_percents_of_cycle_and_stance() -> None:
     ("values", "rings"),
     [
         ({}, False),
-        ({"contact.damping": 5.0}, True),
+        ({"contact.damping": 300.0}, True),
         ({"contact.law": "hertz"}, True),
         ({"contact.law": "hunt_crossley"}, False),
         ({"contact.law": "hunt_crossley", "contact.restitution": 1.0}, True),

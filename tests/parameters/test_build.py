@@ -66,7 +66,7 @@ def test_stiffness_from_the_material_is_hertz() -> None:
     names = {
         "contact.stiffness_from": "material",
         "contact.law": "two_layer_elastic",
-        "contact.layer_depth": 0.01,
+        "contact.layer_depth": 0.005,
     }
     law = knee_contact_ros.load_model(names).law
     cartilage, bone = (
@@ -75,8 +75,8 @@ def test_stiffness_from_the_material_is_hertz() -> None:
     )  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
     # The numbers by hand have 5 digits.
     assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)
-    beyond = law.static_force(0.01) + bone * 1e-3**1.5
-    assert law.static_force(0.011) == pytest.approx(beyond, rel=1e-4)
+    beyond = law.static_force(0.005) + bone * 1e-3**1.5
+    assert law.static_force(0.006) == pytest.approx(beyond, rel=1e-4)
 
 
 def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
@@ -371,6 +371,34 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
                 "contact.stiffness_2": 98408.0,
             },
             r"^contact\.stiffness 2500 N/m\^1\.5 gives 24\.6 mm .*; 2500 N/mm\^1\.5 would be 7\.905694e\+07",
+        ),
+        (
+            {"contact.damping": 5.0},
+            r"^contact\.damping 5 N s/m hardly damps; 5 N s/mm would be 5000 N s/m$",
+        ),
+        (
+            {"contact.layer_depth": 1e-3},
+            r"^contact\.layer_depth has no effect under contact\.law kelvin_voigt$",
+        ),
+        (
+            {"contact.law": "hertz", "contact.damping": 2e3, "contact.stiffness_2": 1e9},
+            r"^contact\.damping, contact\.stiffness_2 have no effect under contact\.law hertz$",
+        ),
+        (
+            {
+                "contact.stiffness_from": "material",
+                "contact.stiffness": 1e8,
+                "contact.youngs_modulus": 9e8,
+            },
+            r"^contact\.stiffness has no effect under contact\.law kelvin_voigt with contact\.stiffness_from material$",
+        ),
+        (
+            {"contact.law": "two_layer_elastic", "contact.layer_depth": 0.05},
+            r"^contact\.layer_depth 0\.05 m is 50 mm, and bone is never reached, .*; 0\.05 cm would be 0\.0005 m$",
+        ),
+        (
+            {"femur.mass": 68.0},
+            r"^femur\.mass 68 kg is 90 % of the body's 75\.16 kg: is it the body's\? .* 12 %: 9\.3 kg$",
         ),
         ({"body_weight": 75.0}, r"^body_weight 75 N: is it kg\? 75 kg weigh 735\.5 N$"),
     ],

@@ -249,7 +249,7 @@ REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
         ({"contact.dampin": 1.0}, r"unknown .* contact\.dampin; did you mean contact\.damping\?"),
-        ({"zzz": 1.0}, r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("),
+        ({"zzz": 1.0}, r"unknown parameter zzz; the nearest of \d+ are (\S+, ){2}\S+$"),
         ({"femur.geometry": "profile"}, r"femur\.profile is empty"),
         (CIRCLE | {"tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
         (CIRCLE | {"tibia.radius": 0.034}, r"0\.034 .* exceed femur\.radius, 0\.034"),

@@ -60,6 +60,8 @@ class ProfileOptions(NamedTuple):
     """Whether the surface is a femur's (else a tibia's)"""
     medial: bool = True
     """Whether `auto` looks for the medial compartment (else the lateral one)"""
+    left: bool = False
+    """Whether it is a left knee, which is mirrored to a right one"""
     unit: str | None = None
     """Unit of the files; None: the default of their kind"""
     axes: str | None = None
@@ -92,10 +94,10 @@ def run_fit_profile(options: ProfileOptions) -> list[str]:
         check_not_input(path, filter(None, (mesh, bone)))
         if not options.overwrite:
             check_name_free(path)
-    surface = read_surface(mesh, options.unit, options.axes, options.label)
+    surface = read_surface(mesh, options.unit, options.axes, options.label, options.left)
     under = None
     if bone:
-        under = read_surface(bone, options.unit, options.axes, options.bone_label)
+        under = read_surface(bone, options.unit, options.axes, options.bone_label, options.left)
     z = _slice_place(options, surface)
     found = fit(
         surface, z, femur=femur, bone=under, tolerance=options.tolerance, slab=options.slab

@@ -21,6 +21,8 @@ _COVER_DEPTH = 0.5e-3
 """A part further than this behind another part of the surface is not articular [m]; noise is smaller"""
 _LEAST_POINTS = 12
 """Smallest number of points of a slice"""
+_LEAST_WIDTH = 0.045
+"""Smallest width [m] of a surface with both compartments: condyles and plateaus are 20 to 35 mm wide"""
 _POINTS_AT_ONCE = 256
 """Number of points compared with all segments at a time, as the table would be large for more"""
 _PLACE_STEP = 1e-4
@@ -172,6 +174,8 @@ def cut_surface(surface: Surface, z: float) -> CutLines:
 def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
     """Find the place z [m] of the slice through the contact centre of a compartment; medial is z < 0.
 
+    Of a surface with both compartments the middle lies between these, whatever the origin of its axes.
+
     Femur: the mean place of its lowest points while it flexes from 0° to 60°. Tibia: the middle of the plateau, with
     triangles weighted by their area seen from above.
 
@@ -182,7 +186,8 @@ def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
         raise UsageError(
             f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm"
         )
-    side = surface.points[:, 2] * (-1.0 if medial else 1.0) > 0.0
+    middle = _middle(surface, femur)
+    side = (surface.points[:, 2] - middle) * (-1.0 if medial else 1.0) > 0.0
     if np.count_nonzero(side) < _LEAST_POINTS:
         name = "medial side, z < 0" if medial else "lateral side, z > 0"
         raise UsageError(
@@ -190,16 +195,35 @@ def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
             "--compartment and --axes)"
         )
     if femur:
-        points = surface.points[side]
-        places = []
-        # The flexion of gait.
-        for angle in np.radians(np.linspace(0.0, 60.0, 25)):
-            height = np.sin(angle) * points[:, 0] + np.cos(angle) * points[:, 1]
-            # Noise moves single points, so all within 0.2 mm of the lowest one count.
-            places.append(points[height <= height.min() + 0.2e-3, 2].mean())
-        z = np.mean(places)
+        z = _lowest(surface.points[side])
     else:
         corners = surface.points[surface.triangles[side[surface.triangles].all(axis=1)]]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         z = np.average(corners[:, :, 2].mean(axis=1), weights=np.abs(normal[:, 1]) + 1e-30)
     return float(np.round(float(z) / _PLACE_STEP) * _PLACE_STEP)
+
+
+def _lowest(points: Floats) -> float:
+    """Return the mean place z [m] of the lowest points of a femur while it flexes as in gait."""
+    places = []
+    for angle in np.radians(np.linspace(0.0, 60.0, 25)):
+        height = np.sin(angle) * points[:, 0] + np.cos(angle) * points[:, 1]
+        # Noise moves single points, so all within 0.2 mm of the lowest one count.
+        places.append(points[height <= height.min() + 0.2e-3, 2].mean())
+    return float(np.mean(places))
+
+
+def _middle(surface: Surface, femur: bool) -> float:
+    """Return the place z [m] between the condyles, or 0 for a surface with one compartment.
+
+    A femur's condyles are the lowest places of either half of its width; a plateau's middle is that of its width.
+    """
+    z = surface.points[:, 2]
+    low, high = float(z.min()), float(z.max())
+    if high - low < _LEAST_WIDTH:
+        return 0.0
+    middle = 0.5 * (low + high)
+    if not femur:
+        return middle
+    halves = (surface.points[z < middle], surface.points[z >= middle])
+    return 0.5 * sum(map(_lowest, halves)) if min(map(len, halves)) >= _LEAST_POINTS else middle

@@ -27,6 +27,8 @@ _PLAUSIBLE_SIZES = (0.008, 0.7)
 _CLOUD_SUFFIXES = (".txt", ".xyz", ".csv", ".asc", ".dat")
 _BODY_AXES = "x,y,z"
 """Axes of a mesh in a body's frame"""
+_LEFT_BODY_AXES = "x,y,-z"
+"""Those of a left knee, whose z points medially"""
 _SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
 """What 3D Slicer writes into the header of a mesh: the sides to which its x, y and z point"""
 _AXES_HINT = (
@@ -63,16 +65,21 @@ class Surface(NamedTuple):
 
 
 def read_surface(
-    path: Path, unit: str | None = None, axes: str | None = None, label: int | None = None
+    path: Path,
+    unit: str | None = None,
+    axes: str | None = None,
+    label: int | None = None,
+    left: bool = False,
 ) -> Surface:
     """Read a mesh, a cloud of points or a label of a label map.
 
     Args:
         path: The file; its suffix gives its kind.
         unit: Unit of the file; default m, and mm for label maps and meshes from 3D Slicer.
-        axes: The file's axes that point anterior, superior and lateral, as in `-y,z,x`. Default: a right knee's if the
-            header says which way the axes point (label maps, meshes from 3D Slicer), else x,y,z.
+        axes: The file's axes that point anterior, superior and lateral, as in `-y,z,x`. Default: those of the header
+            if it says which way the axes point (label maps, meshes from 3D Slicer), else x,y,z with z to the right.
         label: Label of a label map; None if it has only one.
+        left: Whether it is a left knee, which is mirrored to a right one unless `axes` are given.
 
     Raises:
         UsageError: the file is missing, of unknown kind, unreadable, without a surface or not of a knee's size, or
@@ -90,21 +97,23 @@ def read_surface(
             f"--label {label}: {path} is not a label map; label maps end with {' or '.join(LABEL_MAPS)}"
         )
     triangles = np.empty((0, 3), np.int64)
-    usual = _BODY_AXES
+    usual = _LEFT_BODY_AXES if left else _BODY_AXES
     usual_unit = "m"
     remarks: tuple[str, ...] = ()
     if kind in LABEL_MAPS:
         points, triangles = _around_label(path, label, axes)
-        usual = _axes_in("RAS")
+        usual = _axes_in("RAS", left)
+        if axes is None:
+            remarks = (_axes_remark(usual, "the header's orientation", left),)
         usual_unit = "mm"  # nibabel's
     elif kind in _CLOUD_SUFFIXES:
         points = _read_cloud(path)
     elif kind in _MESH_READERS:
         points, triangles, space = _read_mesh(path, kind)
         if space:
-            usual = _axes_in(space)
+            usual = _axes_in(space, left)
             usual_unit = "mm"
-            remarks = _space_remarks(path, space, axes)
+            remarks = _space_remarks(path, space, axes, left)
     else:
         known = ", ".join((*_MESH_READERS, *_CLOUD_SUFFIXES, *LABEL_MAPS))
         raise UsageError(
@@ -114,7 +123,7 @@ def read_surface(
     unit = unit or usual_unit
     _check_size(path, points, unit)
     turned = np.ascontiguousarray(points[:, places] * signs) * UNIT_FACTORS["length"][unit]
-    known_axes = axes is None and usual != _BODY_AXES
+    known_axes = axes is None and usual not in {_BODY_AXES, _LEFT_BODY_AXES}
     return Surface(path, turned, triangles, axes or usual, remarks, known_axes)
 
 
@@ -125,14 +134,19 @@ def _axes_in(space: str, left: bool = False) -> str:
     return ",".join(names.get(side, f"-{names.get(back)}") for side, back in wanted.items())
 
 
-def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
+def _axes_remark(axes: str, source: str, left: bool) -> str:
+    """Tell the axes that follow from a header, and what to do for the other leg."""
+    side, other = ("left", "right") if left else ("right", "left")
+    return f"axes {axes} follow from {source}, for a {side} knee; of a {other} one: --leg {other}"
+
+
+def _space_remarks(path: Path, space: str, axes: str | None, is_left: bool) -> tuple[str, ...]:
     """Describe how the given axes relate to a header's space; refuse axes that contradict it."""
     right = _axes_in(space)
     left = _axes_in(space, left=True)
     if axes is None:
-        return (
-            f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",
-        )
+        usual = left if is_left else right
+        return (_axes_remark(usual, f"SPACE={space} in the file's header", is_left),)
     cure = f"the header of {path.name} says SPACE={space}, where a right knee's are {right} and a left one's {left}"
     places, signs = _axes(axes)
     known_places, known_signs = _axes(right)

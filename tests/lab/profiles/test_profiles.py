@@ -155,6 +155,22 @@ def test_the_automatic_slice_is_that_of_the_ridge() -> None:
     assert contact_centre(tibia(), False, True) == pytest.approx(MIDDLE, abs=0.05 * MM)
 
 
+@pytest.mark.parametrize("off", [0.0, 15.0 * MM, 40.0 * MM])
+@pytest.mark.parametrize("left", [False, True])
+def test_the_automatic_slice_lies_beside_the_middle_between_the_condyles(
+    off: float, left: bool, tmp_path: Path
+) -> None:
+    """Wherever the scanner's zero is; a left knee is its mirror image."""
+    medial, triangles = swept(femoral_curve())
+    lateral = medial * [1.0, 1.0, -1.0]
+    points = np.concatenate([medial, lateral]) + np.array([0.0, 0.0, off])
+    faces = np.concatenate([triangles, triangles + len(medial)])
+    both = points * [1.0, 1.0, -1.0] if left else points
+    path = spaced(tmp_path / "a.stl", (both[:, [2, 0, 1]], faces), "RAS")
+    found = contact_centre(read_surface(path, left=left), True, True)
+    assert found == pytest.approx(MIDDLE + off, abs=0.05 * MM + EDGE / 2.0)
+
+
 @pytest.mark.parametrize(
     ("suffix", "space", "signs"),
     [
@@ -174,10 +190,9 @@ def test_axes_and_unit_follow_from_the_header_of_slicer(
     read = read_surface(path)
     assert np.sort(read.points, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-6)
     assert f"follow from SPACE={space}" in read.remarks[0]
-    left = read_surface(
-        path, axes=read.remarks[0].split("--axes=")[1]
-    )  # what the remark says of a left knee
-    assert (left.remarks, left.axes != read.axes) == ((), True)
+    assert read.remarks[0].endswith("--leg left")
+    left = read_surface(path, left=True)
+    assert left.axes != read.axes
     assert left.points[:, 2] == pytest.approx(-read.points[:, 2])
     other = read_surface(path, axes="z,x,y")
     assert f"although the header of a{suffix} says SPACE={space}" in other.remarks[0]
