@@ -134,8 +134,7 @@ def solve(
             else files
         )
         rows = {"parameters": ", ".join(map(str, [*sources, *given.parameter_values]))}
-        parameters = resolved_parameters(basis)
-        if parameters.load.rule == "fixed_share":
+        if (parameters := resolved_parameters(basis)).load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
         rows |= weight_row(bag, parameters)
         show_summary(summary, rows, {"Recording": str(output)})
