@@ -127,6 +127,16 @@ def commands() -> str:
         "",
         "Exit codes: 0 done, 1 done in part (a damaged bag, a full disk), 2 bad input "
         "(one line says what would be right), 130 interrupted by Ctrl-C.",
+        "",
+        "`--json` prints the results as one JSON object in SI units; warnings stay on stderr.",
+        "",
+        "Your shell completes commands and options after this line, which you may put into its startup file:",
+        "",
+        "| shell | line |",
+        "|---|---|",
+        '| bash | `eval "$(_KNEE_CONTACT_COMPLETE=bash_source knee-contact)"` |',
+        '| zsh | `eval "$(_KNEE_CONTACT_COMPLETE=zsh_source knee-contact)"` |',
+        "| fish | `_KNEE_CONTACT_COMPLETE=fish_source knee-contact \\| source` |",
     ]
     for heading, group in GROUPS.items():
         lines += ["", f"## {heading}"]

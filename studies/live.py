@@ -182,7 +182,7 @@ def clock(dice: random.Random) -> str:
         found += [answer.rows[0][STATUS] for answer in answers if i > (2.5 + abs(away)) * rate]
     flagged = sum(bool(status & Status.STALE_INPUT) for status in found)
     wrong = (abs(away) > gap + 1.0 / rate and flagged < len(found)) or (
-        abs(away) < gap and flagged > 0
+        0.0 <= away < gap and flagged > 0  # a clock that is set back leaves refused samples
     )
     told = f"{away:.3f} s apart, max_gap {gap:.3f} s, {rate} Hz: {flagged} of {len(found)} flagged"
     return told if wrong or not found else ""

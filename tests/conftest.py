@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,11 @@ settings.load_profile("no timed tests")
 WAITING, LONG = {"ros"}, {"packaging", "studies", "calibrate", "sweep", "benchmarks"}
 NEXT = {"bags", "node", "view", "hostile"}
 """Folders with files that one process runs and that mostly wait; with tests of half a minute; with tests of seconds"""
+NEED_ROS = [
+    *("streams/test_load_pipeline.py", "streams/test_messages.py"),
+    "offline/test_demo_sensors.py",
+]
+collect_ignore = [] if find_spec("rclpy") else NEED_ROS
 LONGEST_NAME = 60
 """Largest length of a text, or of bytes, by which a case is named"""
 REFERENCE_DATA = ROOT.parent / "shared" / "data"

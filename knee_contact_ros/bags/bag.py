@@ -15,7 +15,6 @@ from fnmatch import fnmatchcase
 from functools import cached_property, lru_cache
 from itertools import zip_longest
 from pathlib import Path
-from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from typing import NamedTuple
 
 import zstandard
@@ -51,6 +50,7 @@ from knee_contact_ros.streams.topics import (
     typestore,
 )
 from knee_contact_ros.system.errors import UsageError, join_faults, list_names
+from knee_contact_ros.system.portable import allow_open_files
 
 INPUT_TYPES = types_of(INPUTS)
 """Types of the topics that drive the model, by their absolute names"""
@@ -143,9 +143,7 @@ class Bag:
         self.paths = [self.path / name for name in content.names]
         self.is_compressed_by_message = content.compression == "message"
         self.damage += content.faults
-        soft, hard = getrlimit(RLIMIT_NOFILE)  # the usual one is 1024
-        if 2 * len(self.paths) > soft // 2 and soft != hard:
-            setrlimit(RLIMIT_NOFILE, (hard, hard))
+        allow_open_files(4 * len(self.paths))
         work = Path()
         if content.compression == "file":
             folder = tempfile.TemporaryDirectory(prefix="knee_contact_bag_")

@@ -8,6 +8,7 @@ from array import array
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from shutil import disk_usage
 from struct import Struct
 from threading import Lock
 from typing import IO, Any, NamedTuple
@@ -20,6 +21,7 @@ from mcap.writer import CompressionType, Writer
 from knee_contact_ros.bags.metadata_file import information, offered_qos, qos_of, to_yaml
 from knee_contact_ros.streams.topics import Record, definition, typestore
 from knee_contact_ros.system import output_files
+from knee_contact_ros.system.portable import CAN_RENAME_OPEN_FILES, sync_data
 
 RECORD_HEAD = Struct("<BQ")
 """Head of a record: opcode, and length [B] of the content, which follows"""
@@ -212,7 +214,7 @@ class McapWriter(Writer):
         """
         with self._closing:
             if not self._file.closed:
-                os.fdatasync(self._file.fileno())
+                sync_data(self._file.fileno())
                 output_files.sync_folder(self.path.parent)
 
     def free_space(self) -> int:
@@ -222,8 +224,7 @@ class McapWriter(Writer):
             OSError: The file has been removed.
         """
         self._check_presence()
-        disk = os.fstatvfs(self._file.fileno())
-        return disk.f_bavail * disk.f_frsize
+        return disk_usage(self.path.parent).free
 
     def complete(self) -> None:
         """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
@@ -240,17 +241,22 @@ class McapWriter(Writer):
             OSError: The file cannot be renamed, or has been removed.
         """
         self._check_presence()
+        if not CAN_RENAME_OPEN_FILES:
+            self._close()
         self.path = output_files.take_name(self.partial, self.path, self._overwrite)
         output_files.sync_folder(self.path.parent)
-        with self._closing:
-            self._file.close()
+        self._close()
 
     def discard(self) -> None:
         """Close the file and remove it."""
         # A full disk also refuses what is still in the file's buffer.
-        with self._closing, suppress(OSError):
-            self._file.close()
+        with suppress(OSError):
+            self._close()
         self.partial.unlink(missing_ok=True)
+
+    def _close(self) -> None:
+        with self._closing:
+            self._file.close()
 
     def _check_presence(self) -> None:
         """Check that the open file still has its name.

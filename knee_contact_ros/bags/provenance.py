@@ -17,13 +17,13 @@ from knee_contact_ros.parameters.curves import curve_files, read_curve
 from knee_contact_ros.parameters.files import flat_parameters, load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.contact_pipeline import RunState
 from knee_contact_ros.streams.output import (
     ANSWERS_FLAGGED,
     LOAD_PROVENANCE,
     PROVENANCE,
     STATUS,
     TICK,
+    RunState,
 )
 from knee_contact_ros.system.errors import UsageError
 

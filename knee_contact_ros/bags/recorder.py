@@ -32,7 +32,7 @@ REFUSED_SAMPLES = "refused_samples"
 """Name of the metadata record with the number of refused samples by reason"""
 CONTINUED = "continued"
 """Name of the metadata record with the first file of the recording that a file continues"""
-INTERRUPTED = "interrupted"
+INTERRUPTION = "interrupted"
 """Name of the metadata record with the reason why the node did not complete the recording"""
 NODE_GONE = "the node ended or gave the recording up before it was closed"
 LONGEST_GATHERING = 0.03
@@ -315,7 +315,7 @@ class Recorder:
     def finish(self, ending: Ending | None) -> None:
         """Complete the file; without an `ending`, a metadata record gives the reason of the interruption."""
         if ending is None:
-            self._bag.add_metadata(INTERRUPTED, {"reason": self._interruption})
+            self._bag.add_metadata(INTERRUPTION, {"reason": self._interruption})
         else:
             self._writer.write_ending(ending)
         self._done.set()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -28,7 +26,9 @@ MESSAGE_ROWS = (
     "AND typeof(data) = 'blob'"
 )
 """Rows that are messages"""
-DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+SELECT_DEFINITIONS = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+)
 
 
 class SqliteFile(BagFile):
@@ -46,7 +46,7 @@ class SqliteFile(BagFile):
             self.faults.append(
                 f"{log.name} holds messages that were never merged: open the bag once with sqlite3"
             )
-        address = f"file:{quote(os.fsencode(path.absolute()))}?mode=ro&immutable=1"
+        address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._database = sqlite3.connect(address, uri=True)
         self.close = self._database.close
         try:
@@ -107,7 +107,7 @@ class SqliteFile(BagFile):
 
     def _find_channels(self, has_definitions: bool) -> None:
         """Find the topics, with their definitions if the file has any."""
-        found = self._database.execute(DEFINITIONS) if has_definitions else ()
+        found = self._database.execute(SELECT_DEFINITIONS) if has_definitions else ()
         definitions = {
             str(name): definition_of(str(encoding), str(text).encode())
             for name, encoding, text in found

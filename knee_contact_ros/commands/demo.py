@@ -64,7 +64,7 @@ from knee_contact_ros.system.output_files import partial_name, replace, work_fol
 from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, private_graph
-from knee_contact_ros.system.terminal import say, warn
+from knee_contact_ros.system.terminal import as_json, say, warn
 from knee_contact_ros.view.output import (
     NOT_INSTALLED,
     find_viewer,
@@ -242,7 +242,7 @@ def run_demo(
             replace(work / result, output / result)
     show_summary(summary, rows, places)
     warn(summary.sentences)
-    if find_viewer():
+    if find_viewer() and not as_json():
         offer(output / _RERUN_FILE)
 
 

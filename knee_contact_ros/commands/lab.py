@@ -17,6 +17,7 @@ from knee_contact_ros.commands.options import (
     choice_option,
     combine_options,
     folder_option,
+    json_option,
     names_in_bag_options,
     number_option,
     output_option,
@@ -400,6 +401,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     metavar="FILE.png",
     help="Picture to write. An earlier one is replaced.",
 )
+@json_option
 def trade(
     bag: Path, given: ParameterOptions, in_bag: BagNames, worth: float | None, picture: Path
 ) -> None:
@@ -431,9 +433,8 @@ def trade(
     warn([*others_beside(bag), *doubts, *summary.warnings])
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
-    show_trade(found)
     draw_trade(found, picture)
-    say(f"Picture: {picture}")
+    show_trade(found, picture)
     if missing := summary.missing_parts(bag):
         raise IncompleteError(missing)
 

@@ -17,6 +17,7 @@ from knee_contact_ros.commands.options import (
     BagNames,
     ParameterOptions,
     folder_option,
+    json_option,
     names_in_bag_options,
     number_option,
     parameter_files_option,
@@ -60,6 +61,7 @@ _NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
     is_flag=True,
     help="Also run the example of an assist controller, examples/assist_as_needed.py.",
 )
+@json_option
 def demo(
     bag: Path | None,
     parameter_files: tuple[Path, ...],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from io import TextIOWrapper
 from pathlib import Path
 
 import click
@@ -101,7 +102,8 @@ def main(arguments: list[str] | None = None) -> int:
 def open_standard_streams() -> None:
     """Open the null device for standard streams that are closed.
 
-    Otherwise the next opened file would get descriptor 0, 1 or 2, and be read or written by mistake.
+    Otherwise the next opened file would get descriptor 0, 1 or 2, and be read or written by mistake. Characters that
+    the output does not have, as on a console of Windows, are escapes.
     """
     descriptor = os.open(os.devnull, os.O_RDWR)
     while descriptor <= 2:
@@ -110,6 +112,8 @@ def open_standard_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def fail(text: str, code: int = 2) -> int:

@@ -17,6 +17,7 @@ from knee_contact_ros.commands.options import (
     Output,
     ParameterOptions,
     input_path,
+    json_option,
     names_in_bag_options,
     number_option,
     output_option,
@@ -27,8 +28,9 @@ from knee_contact_ros.commands.options import (
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import check_distinct, require
 from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
+from knee_contact_ros.system.portable import link_or_copy
 from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import say, warn
+from knee_contact_ros.system.terminal import as_json, print_json, say, warn
 
 _MAX_NAME_LENGTH = 80
 """Most letters in the name of several bags together"""
@@ -58,11 +60,11 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
         folder = Path(work, "+".join(bag.name for bag in bags)[:_MAX_NAME_LENGTH])
         folder.mkdir()
         for link, file in zip(links, files, strict=True):
-            (folder / link).symlink_to(file.resolve())
+            link_or_copy(file, folder / link)
         content = {"relative_file_paths": links, "topics_with_message_count": []}
         # JSON is YAML.
         text = json.dumps({"rosbag2_bagfile_information": content})
-        (folder / METADATA).write_text(text)
+        (folder / METADATA).write_text(text, encoding="utf-8")
         try:
             yield folder
         except CommandError as error:
@@ -84,6 +86,7 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     "OUT.mcap", "Recording to write.", ".mcap", replace="Replace OUT.mcap if it exists."
 )
 @names_in_bag_options()
+@json_option
 def solve(
     bags: tuple[Path, ...],
     given: ParameterOptions,
@@ -153,6 +156,7 @@ def solve(
 )
 @output_option("OUT.mcap", "Bag to write.", ".mcap", replace="Replace OUT.mcap if it exists.")
 @names_in_bag_options()
+@json_option
 def estimate_load(
     bag: Path, given: ParameterOptions, output: Path, overwrite: bool, in_bag: BagNames
 ) -> None:
@@ -194,6 +198,7 @@ def estimate_load(
 @click.argument("source", type=FILE, metavar="IN")
 @click.argument("output", type=Output(".mcap"), metavar="OUT.mcap")
 @overwrite_option("Replace OUT.mcap if it exists.")
+@json_option
 def recover(source: Path, output: Path, overwrite: bool) -> None:
     """Repair a recording that was cut off.
 
@@ -241,7 +246,8 @@ def view(
     from knee_contact_ros.view.output import require_viewer
 
     for source in sources:
-        input_path(source)  # an address is no path that is there
+        if "://" not in source:
+            input_path(source)
     require_viewer()  # before what imports its library
     from knee_contact_ros.commands.view import run_view
 
@@ -263,6 +269,7 @@ def view(
     metavar="NAME",
     help="Write the answers on this topic only. [default: all topics]",
 )
+@json_option
 def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
     """Write the answers of a recording as a table.
 
@@ -288,4 +295,8 @@ def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
             require("tables", "pyarrow")
         answers = {name: read_answers(recording, name) for name in topics}
     write_complete({output: answer_table(answers, output.suffix)})
-    say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
+    if as_json():
+        numbers = {name: len(rows) for name, rows in answers.items()}
+        print_json(answers=numbers, files={"Table": output})
+    else:
+        say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")

@@ -14,6 +14,7 @@ import click
 from knee_contact_ros.system import files
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import check_output
+from knee_contact_ros.system.terminal import JSON
 
 if TYPE_CHECKING:
     from knee_contact_ros.bags.bag import Bag
@@ -256,6 +257,20 @@ def parameter_options(*texts: str) -> Callable[[Function], Function]:
     return group_options(
         "given", ParameterOptions, parameter_files_option(*texts), parameter_values_option
     )
+
+
+def _keep_json(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    context.meta[JSON] = wanted
+
+
+json_option = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=_keep_json,
+    help="Print the results as a JSON object, in SI units, instead of a table.",
+)
+"""Option `--json`; see `as_json`"""
 
 
 def names_in_bag_options(

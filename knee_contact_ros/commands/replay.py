@@ -26,16 +26,16 @@ from knee_contact_ros.bags.bag import Bag, RawMessage, TopicReader
 from knee_contact_ros.bags.names import OWN_NAMES, Names, absolute
 from knee_contact_ros.commands.player import (
     HELP,
-    Keyboard,
     Lateness,
     Player,
-    has_terminal,
-    unwinding_on_signals,
+    commands_of,
 )
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, NANOSECONDS, types_of
 from knee_contact_ros.system.errors import UsageError, join_faults
+from knee_contact_ros.system.keyboard import Keyboard, has_terminal
+from knee_contact_ros.system.processes import unwinding_on_signals
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import one_line_ros_errors
 from knee_contact_ros.system.terminal import say
@@ -226,7 +226,8 @@ def play(reader: TopicReader, span: tuple[int, int], replayer: Replayer, timing:
         # Called last, when bar and keyboard have left the terminal.
         opened.callback(lambda: click.echo(str(lateness)))
         bar = opened.enter_context(progress(described(timing.rate, timing.start_paused)))
-        player.wait = opened.enter_context(Keyboard(player.leave_out)).wait_for_keys
+        keyboard = opened.enter_context(Keyboard(player.leave_out))
+        player.wait = lambda seconds: commands_of(keyboard.wait_for_keys(seconds))
         try:
             for _ in repeat(None) if timing.loop else (None,):
                 for message, delay in player.play(reader.raw_messages(start=start, stop=stop)):

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
+from typing import Any
 
 import numpy as np
 from rich import box
@@ -23,6 +24,8 @@ from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
 from knee_contact_ros.system.terminal import (
     UNBOUNDED,
     WIDTH,
+    as_json,
+    print_json,
     safe_cell,
     say,
     show_pairs,
@@ -45,6 +48,9 @@ _NOT_CALIBRATED = (
 
 def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, str]) -> None:
     """Print the peaks, the figures of the run with further rows `live`, and the names and places of the `files`."""
+    if as_json():
+        print_json(**_figures(summary), warnings=summary.sentences, about=live, files=files)
+        return
     console = Console(width=WIDTH, emoji=False)
     for name, compartment in _compartments(summary):
         if name:
@@ -76,6 +82,14 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     console.print()
     for name, path in files.items():
         say(f"{name}: {path}")
+
+
+def _figures(summary: Summary) -> dict[str, Any]:
+    """Return all figures of a summary by name, those of the lateral compartment within."""
+    figures = vars(summary)
+    if summary.lateral:
+        figures = figures | {"lateral": _figures(summary.lateral)}
+    return {name: value for name, value in figures.items() if name[0] != "_" and name != "doubts"}
 
 
 def _compartments(summary: Summary) -> list[tuple[str, Summary]]:
@@ -165,6 +179,22 @@ def show_load(
     weight = parameters.person.constants.weight
     constants = "fitted to this person's knee" if summary.calibrated else _NOT_CALIBRATED
     flagged = int(np.count_nonzero(summary.estimates["status"]))
+    mean = float(summary.axial.mean())
+    if as_json():
+        print_json(
+            largest=peak,
+            mean_axial_force=mean,
+            estimates=len(stamps),
+            duration=(stamps[-1] - stamps[0]) / NANOSECONDS,
+            level=summary.level,
+            calibrated=summary.calibrated,
+            refused=summary.refused,
+            flagged=summary.flagged,
+            estimates_flagged=flagged,
+            about=rows,
+            files={"Bag": output},
+        )
+        return
     parts = {
         "largest joint reaction": peak.axial_force,
         "by the sensors": peak.sensed_force,
@@ -174,7 +204,7 @@ def show_load(
         "  gastrocnemius": peak.gastrocnemius_force,
         "expected in walking": peak.expected_force,
         "standard deviation": peak.standard_deviation,
-        "mean joint reaction": float(summary.axial.mean()),
+        "mean joint reaction": mean,
     }
     cells = [
         (name, f"{force:.1f}", f"{force / weight:.2f}")
@@ -198,6 +228,9 @@ def show_load(
 
 def show_recovery(recovery: Recovery, output: str) -> None:
     """Print the recovered and the missing messages of each topic, the faults, and the output file."""
+    if as_json():
+        print_json(**recovery._asdict(), files={"Recovered": output})
+        return
     rows = [
         (
             f"{safe_cell(topic)}\n  {safe_cell(kind)}",

@@ -19,11 +19,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.commands.player import unwinding_on_signals
 from knee_contact_ros.model.types import MM, NANOSECOND, UNUSABLE, ContactState, Status
 from knee_contact_ros.msg import KneeContact, LoadEstimate
 from knee_contact_ros.streams.topics import is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, printable, suggest
+from knee_contact_ros.system.processes import unwinding_on_signals
 from knee_contact_ros.system.ros import make_executor, one_line_ros_errors
 from knee_contact_ros.system.terminal import say
 

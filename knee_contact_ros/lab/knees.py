@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +29,7 @@ from knee_contact_ros.parameters.schema import (
 )
 from knee_contact_ros.streams.compartments import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.portable import usable_processors
 
 _CONTACT = "contact."
 CACHE_SIZE = 64
@@ -258,7 +258,7 @@ def compute(
 
     count = max(1, ANSWERS_AT_ONCE // ticks)
     parts = [runs[first : first + count] for first in range(0, len(runs), count)]
-    with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
+    with ThreadPoolExecutor(threads or usable_processors()) as pool:
         list(pool.map(compute_runs, parts))
     seconds = (time.perf_counter() - begun) / max(len(cases), 1)
     return Computed(parameters, failed, found, kept, seconds)

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import itertools
 import logging
-import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from multiprocessing import resource_tracker
 from typing import Any, NamedTuple
 
 from knee_contact_ros.lab.shards import SERIES_FOLDER, ShardFolder, brief_reason
@@ -25,6 +23,7 @@ from knee_contact_ros.lab.study_cases import (
 from knee_contact_ros.lab.study_file import Study
 from knee_contact_ros.model.ringing import ringing_sentence
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError
+from knee_contact_ros.system.processes import ignoring_interrupts
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import say, warn
 
@@ -72,7 +71,7 @@ def dask_client(number: int, scheduler: str) -> Iterator[Any]:
             if scheduler:
                 # A client of an unknown kind of address would wait for it when the context ends.
                 get_backend(parse_address(scheduler)[0])
-            with _ignoring_interrupts():
+            with ignoring_interrupts():
                 cluster = scheduler or opened.enter_context(
                     LocalCluster(
                         n_workers=number or None,
@@ -94,18 +93,6 @@ def dask_client(number: int, scheduler: str) -> Iterator[Any]:
         if scheduler and not client.nthreads():
             warn([f"scheduler {scheduler}: it has no workers yet; waiting"])
         yield client
-
-
-@contextmanager
-def _ignoring_interrupts() -> Iterator[None]:
-    """Make processes and threads that start in this context ignore Ctrl-C; the client receives it and ends them."""
-    # The tracker lets the signal through again in the thread that starts it, so it is started before.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def compute_blocks(

@@ -24,7 +24,7 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import write_complete
 from knee_contact_ros.system.progress import OnProgress, no_progress
-from knee_contact_ros.system.terminal import WIDTH, safe_cell, say
+from knee_contact_ros.system.terminal import WIDTH, as_json, print_json, safe_cell, say
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
@@ -181,8 +181,11 @@ def advice(trade: Trade) -> str:
     )
 
 
-def show_trade(trade: Trade) -> None:
-    """Print a table with a row per setting, what its errors refer to, and the advice."""
+def show_trade(trade: Trade, picture: Path) -> None:
+    """Print a table with a row per setting, what its errors refer to, the advice, and where the picture is."""
+    if as_json():
+        print_json(**trade._asdict(), advice=advice(trade), files={"Picture": picture})
+        return
     table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for heading in (
         "tolerance",
@@ -212,6 +215,7 @@ def show_trade(trade: Trade) -> None:
     )
     say(f"{SECOND_TOLERANCE:g} m differs from it by {trade.reference_error:.1e} m at most.")
     say(advice(trade), hang=0)
+    say(f"Picture: {picture}")
 
 
 def draw_trade(trade: Trade, path: Path) -> None:

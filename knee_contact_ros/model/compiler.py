@@ -323,7 +323,11 @@ def build(code: str, target: Target, library: Path, *, portable: bool = False) -
         if target.suffix == ".dylib":  # which would hold the name of this machine's folder
             command.append("-Wl,-install_name,@rpath/kernel.dylib")
         linked = subprocess.run(
-            [*command, *parts, "-lm"], capture_output=True, text=True, check=False
+            [*command, *parts, "-lm"],
+            capture_output=True,
+            errors="replace",
+            encoding="utf-8",
+            check=False,
         )
         if linked.returncode:
             raise BuildError(f"{command[0]}: {' '.join(linked.stderr.split())[:300]}")

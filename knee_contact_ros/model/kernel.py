@@ -175,7 +175,7 @@ def portable_code() -> str:
         "print(translated_run())"  # which makes no cycles that are worth looking for
     )
     made = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+        [sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False
     )
     if made.returncode:
         raise BuildError(f"Numba: {made.stderr.strip().splitlines()[-1]}")

@@ -262,6 +262,8 @@ class Health:
             )
         )
         values = {f"jumps of {topic}": str(time.jumps) for topic, (time, _) in times.items()}
+        missing = {topic: time.missing for topic, (time, _) in times.items()}
+        values |= {f"missing of {topic}": str(number) for topic, number in missing.items()}
         values["queue [%]"] = f"{full:.0f}"
         values["angles not recorded"] = str(paired.unrecorded_angles)
         if paired.lead is not None:
@@ -284,6 +286,7 @@ class Health:
         off_time = self.increase("off time", off_time)
         if off_time:
             problems.append(f"{off_time} stamps fit neither the sample before nor the other topic")
+        problems += self._clock_problems(missing)
         if abs(lead) > self.parameters.pairing.max_gap:
             problems.append(self._lead_problem(lead))
         if full >= 100.0 * WARNING_FILL:
@@ -291,6 +294,21 @@ class Health:
         level, text = warning_of(*problems)
         self.warn("pairing", text, LOG_PERIOD)
         return "pairing", values, (ERROR if lost else level, text)
+
+    def _clock_problems(self, missing: dict[str, int]) -> list[str]:
+        """Sentences about a clock that was set back, and about `missing` samples, by their topic."""
+        paired, problems = self._pipeline.synchroniser, list[str]()
+        angles, forces = self._pipeline.sources.values()
+        if paired.set_apart:
+            topic = angles if paired.set_apart > 0 else forces
+            problems.append(
+                f"the clock of {topic} was set back by {abs(paired.set_apart):.3f} s, and the other's was not: the "
+                "answers are flagged (STALE_INPUT); ~/reset once the clocks agree"
+            )
+        for topic, number in missing.items():
+            if lost_now := self.increase(f"missing {topic}", number):
+                problems.append(f"{lost_now} samples of {topic} are missing: holes in its stamps")
+        return problems
 
     def _lead_problem(self, lead: float) -> str:
         """Sentence about forces whose stamps are ahead of those of the angles by too much [s], or behind."""

@@ -205,8 +205,11 @@ class ManagedNode(LifecycleNode):
             session.stop_listening()
             self.complete &= session.complete_files()
             session.destroy_endpoints()
+            paired = session.pipeline.synchroniser
+            missing = paired.angle_time.missing + paired.load_time.missing
             self.get_logger().info(
                 f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused"
+                + (f", {missing} missing (holes in the stamps)" if missing else "")
             )
             if unanswered := unanswered_sentence(
                 session.pipeline, session.inputs[1].meter.received

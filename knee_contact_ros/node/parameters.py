@@ -41,7 +41,7 @@ class NodeKind(NamedTuple):
     """Makes the session of a node from its parameters and the names of the QoS overrides that the user has given"""
 
 
-MAX_INTEGER = 2**63 - 1
+MAX_INT64 = 2**63 - 1
 """Largest integer that a parameter can hold"""
 QOS_PREFIX = "qos_overrides."
 
@@ -59,7 +59,7 @@ def described(name: str, declaration: Declaration) -> ParameterDescriptor:
             FloatingPointRange(from_value=declaration.least, to_value=declaration.most)
         ]
     elif type(declaration.default) is int:
-        most = int(min(declaration.most, MAX_INTEGER))
+        most = int(min(declaration.most, MAX_INT64))
         descriptor.integer_range = [IntegerRange(from_value=int(declaration.least), to_value=most)]
     return descriptor
 

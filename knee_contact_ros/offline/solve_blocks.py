@@ -41,7 +41,7 @@ from knee_contact_ros.streams.topics import (
     NANOSECONDS,
 )
 
-EXACT = 2**53
+MAX_EXACT_STEP = 2**53
 """Limit [ns] below which differences of stamps are exact as floating-point numbers"""
 
 
@@ -338,7 +338,7 @@ def _pairs(samples: _Samples, last: int | None, max_gap: int) -> _Pairs | None:
         return None
     for stamps in (angle_stamps, load_stamps):
         steps = np.diff(stamps)
-        if (steps <= 0).any() or (steps >= EXACT).any():
+        if (steps <= 0).any() or (steps >= MAX_EXACT_STEP).any():
             return None
     stamps = load_stamps[: np.searchsorted(load_stamps, angle_stamps[-1], "right")]
     before = np.searchsorted(angle_stamps, stamps, "right") - 1

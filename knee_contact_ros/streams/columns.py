@@ -139,6 +139,8 @@ def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
     if (matrix[:, :2] != list(HEADER[:2])).any():
         return None
     kind = layout.numbers
+    if (matrix.reshape(-1).view(kind)["nanoseconds"] >= NANOSECONDS).any():
+        return None
     rest = matrix[:, ~_covered(kind)]
     for index in np.flatnonzero(
         (rest != rest[0]).any(axis=1)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from knee_contact_ros.streams.messages import (
     header,
     number_of,
 )
+from knee_contact_ros.streams.output import RunState
 from knee_contact_ros.streams.pairing import TIME_RESET, PairedSample
 from knee_contact_ros.streams.pipeline import Pipeline
 from knee_contact_ros.streams.timeline import AngleSample, LoadSample
@@ -178,17 +179,6 @@ class ContactAnswer(NamedTuple):
         """Join `rows`, with the time [s] from the arrival of the force to the publication."""
         number = LATENCY.pack(latency)
         return b"".join([row[:LATENCY_BEGIN] + number for row in self.rows])
-
-
-class RunState(NamedTuple):
-    """State of a run between two ticks; it is written to a recording as JSON."""
-
-    stamp: int | None
-    """Stamp of the last tick [ns]; None after a reset"""
-    angles: Sequence[Sequence[Any]]
-    """Angles that the last tick has used, and the next one may: stamp, angle, height and delay of an `AngleSample`"""
-    numbers: Sequence[Sequence[float]]
-    """`Stream.state` of each compartment"""
 
 
 class ContactPipeline(Pipeline[ContactAnswer]):

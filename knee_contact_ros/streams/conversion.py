@@ -25,7 +25,7 @@ from knee_contact_ros.parameters.sources import (
 from knee_contact_ros.streams import messages
 from knee_contact_ros.streams.columns import BYTES, FIXED
 from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
-from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, types_in, typestore
+from knee_contact_ros.streams.topics import NANOSECONDS, types_in, typestore
 from knee_contact_ros.system.errors import UsageError, list_names
 
 Types = Callable[[TopicSource, str], Typestore]
@@ -136,6 +136,8 @@ class Converter:
         source = self._source
         if self._store:
             return self._from_fields(self._store.deserialize_cdr(data, source.type), arrived)
+        if source.on_arrival:  # whatever the sender's stamp is
+            data = data[: len(messages.HEADER)] + bytes(8) + data[messages.STAMP_END :]
         if source.type == DYNAMIC_JOINT_STATE_TYPE:
             data = messages.as_joint_state(data, self._joints)
         if self._joints:
@@ -149,12 +151,16 @@ class Converter:
     def _from_fields(self, message: Any, arrived: int) -> bytes:
         source = self._source
         stamp, frame_id = arrived, ""
-        if self._stamped == "header":
-            stamp, frame_id = stamp_to_ns(message.header.stamp), message.header.frame_id
-        elif self._stamped:
-            stamp = stamp_to_ns(message.stamp)
+        if self._stamped == "header" and source.on_arrival:
+            frame_id = message.header.frame_id
+        elif self._stamped == "header":
+            stamp, frame_id = (
+                messages.checked_time(message.header.stamp, source.topic),
+                message.header.frame_id,
+            )
+        elif self._stamped and not source.on_arrival:
+            stamp = messages.checked_time(message.stamp, source.topic)
         numbers = [number_at(message, field, source) for field in source.fields]
-        stamp = arrived if source.on_arrival else stamp
         if self._joints:
             return messages.encode_joint_state(
                 JointState(stamp, frame_id, tuple(self._joints), tuple(numbers), (), ())

@@ -29,7 +29,7 @@ Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
 ISB_SUFFIX = "_isb"
 """Suffix of a tibia frame (x anterior, y superior, z right) whose bone has a frame by REP 103 without the suffix"""
-TIBIA = "tibia"
+TIBIA_FRAME = "tibia"
 """Name of the tibia frame if forces are turned and no parameter names it"""
 SQRT_HALF = 0.5**0.5
 FROM_REP_103 = (SQRT_HALF, 0.0, 0.0, SQRT_HALF)
@@ -275,7 +275,7 @@ class ForceFrame:
             text += "; if the new one is right, ~/reset takes it"
             raise RefusedSampleError("frame_changed", text)
         if self._rotation is not None:
-            return turned_wrench(wrench, self._rotation, self.wanted or TIBIA), data
+            return turned_wrench(wrench, self._rotation, self.wanted or TIBIA_FRAME), data
         pose = self._pose
         if pose is None:
             self._candidate = pose = self._transforms.between(frame.removeprefix("/"), self.wanted)

@@ -1,7 +1,7 @@
 """Conversion of single messages from bytes to contents and back; unusable messages are refused.
 
 Messages with the same texts and lengths differ only in their stamps and numbers. So a `Layout`, made from the
-declaration (`FIELDS`), texts and lengths, knows all offsets: as a `struct` for one message, as a NumPy type for many
+declaration (`LAYOUTS`), texts and lengths, knows all offsets: as a `struct` for one message, as a NumPy type for many
 (`columns.py`). Messages are written as little-endian CDR (XCDR1) with zeros as padding, as `rosbags` does; whatever ROS
 sends is read. An answer is written as a header and the part of its row that the message consists of.
 """
@@ -72,21 +72,21 @@ class WrenchStamped(NamedTuple):
     """Torque x, y, z [N m]"""
 
 
-TEXT, TEXTS, NUMBERS, VECTOR = (
+ONE_TEXT, TEXTS, NUMBERS, VECTOR = (
     "a text",
     "a sequence of texts",
     "a sequence of numbers",
     "three numbers",
 )
-FIELDS: dict[type, dict[str, str]] = {
+LAYOUTS: dict[type, dict[str, str]] = {
     JointState: {
-        "frame_id": TEXT,
+        "frame_id": ONE_TEXT,
         "name": TEXTS,
         "position": NUMBERS,
         "velocity": NUMBERS,
         "effort": NUMBERS,
     },
-    WrenchStamped: {"frame_id": TEXT, "force": VECTOR, "torque": VECTOR},
+    WrenchStamped: {"frame_id": ONE_TEXT, "force": VECTOR, "torque": VECTOR},
 }
 """Fields after the stamp by name, and their kinds, for each type of message"""
 Content = TypeVar("Content", JointState, WrenchStamped)
@@ -111,8 +111,8 @@ class Layout:
         """Values of the fields that are text or texts, which come before the fields of numbers"""
         self._slots: list[slice] = []  # the parts of each field of numbers
         self._types = {"seconds": ("i4", 4), "nanoseconds": ("u4", 8)}
-        for name, form in FIELDS[kind].items():
-            if form == TEXT:
+        for name, form in LAYOUTS[kind].items():
+            if form == ONE_TEXT:
                 self.texts.append(self._text())
             elif form == TEXTS:
                 self.texts.append(tuple([self._text() for _ in range(self._count())]))
@@ -222,10 +222,12 @@ class Coder(Generic[Content]):
             if layout is None or not layout.fits(parts):
                 layout = self._read(received)
                 parts = layout.unpack(received)
+            if parts[2] >= NANOSECONDS:  # no such time exists, and nobody knows which one is meant
+                return None
             content: Content = self.kind(
                 parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts)
             )
-            if layout.is_written and parts[2] < NANOSECONDS:
+            if layout.is_written:
                 return content, layout.written.pack(*parts)
             return content, layout.written.pack(*layout.written.parts(content))
         except UNKNOWN:
@@ -241,6 +243,8 @@ class Coder(Generic[Content]):
         if decoded is None:
             if data.startswith(REFUSED_PREFIX):
                 raise RefusedSampleError(*data[len(REFUSED_PREFIX) :].decode().split("\n", 1))
+            if len(data) >= STAMP_END and data[:2] in STAMPS:
+                check_nanoseconds(STAMPS[data[:2]](data)[1], topic)
             raise RefusedSampleError(
                 "undecodable", f"{topic}: {len(data)} bytes are not a message of its type"
             )
@@ -276,17 +280,17 @@ class Coder(Generic[Content]):
 
 def shape_of(content: JointState | WrenchStamped) -> Shape:
     """Shape of a message with this content."""
-    forms = FIELDS[type(content)].values()
+    forms = LAYOUTS[type(content)].values()
     pairs = zip(forms, content[1:], strict=True)
-    return tuple([value if form in (TEXT, TEXTS) else len(value) for form, value in pairs])
+    return tuple([value if form in (ONE_TEXT, TEXTS) else len(value) for form, value in pairs])
 
 
 @lru_cache(maxsize=MOST_LAYOUTS)
 def written_layout(kind: Any, shape: Shape) -> Layout:
     """Layout in which messages of a shape are written."""
-    forms = FIELDS[kind].values()
+    forms = LAYOUTS[kind].values()
     values = [
-        given if form in (TEXT, TEXTS) else (0.0,) * given
+        given if form in (ONE_TEXT, TEXTS) else (0.0,) * given
         for form, given in zip(forms, shape, strict=True)
     ]
     return Layout(kind, _plain(kind(0, *values)))
@@ -300,10 +304,10 @@ def _plain(content: JointState | WrenchStamped) -> bytes:
         data.extend(bytes((len(HEADER) - len(data)) % size) + part)
 
     values: Sequence[Any] = content[1:]
-    for form, value in zip(FIELDS[type(content)].values(), values, strict=True):
+    for form, value in zip(LAYOUTS[type(content)].values(), values, strict=True):
         if form in (TEXTS, NUMBERS):
             put(struct.pack("<I", len(value)), 4)
-        for text in [value] if form == TEXT else value if form == TEXTS else []:
+        for text in [value] if form == ONE_TEXT else value if form == TEXTS else []:
             encoded = text.encode() + b"\x00"
             put(struct.pack("<I", len(encoded)) + encoded, 4)
         if form in (NUMBERS, VECTOR) and value:
@@ -411,6 +415,25 @@ def checked_stamp(stamp: int, topic: str) -> int:
     return stamp
 
 
+def check_nanoseconds(nanoseconds: int, topic: str) -> None:
+    """Check the nanoseconds of a stamp in a message of a topic.
+
+    Raises:
+        RefusedSampleError: they are a second or more.
+    """
+    if nanoseconds >= NANOSECONDS:
+        raise RefusedSampleError(
+            "bad_stamp",
+            f"{topic}: stamp.nanosec is {nanoseconds}, and must be below {NANOSECONDS}",
+        )
+
+
+def checked_time(stamp: Any, topic: str) -> int:
+    """Stamp [ns] in a message of a topic; raises as `check_nanoseconds`."""
+    check_nanoseconds(stamp.nanosec, topic)
+    return stamp_to_ns(stamp)
+
+
 def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
     """Bytes of the `KneeContact` message of an answer, with a stamp [ns] that replaces the one in the row.
 
@@ -495,7 +518,7 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
     header = message.header
     return encode_joint_state(
         JointState(
-            stamp_to_ns(header.stamp),
+            checked_time(header.stamp, DYNAMIC_JOINT_STATES),
             header.frame_id,
             tuple(positions),
             tuple(positions.values()),

@@ -15,7 +15,7 @@ process `node/output_process.py`. An open output has
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -36,6 +36,17 @@ ANSWERS_FLAGGED = "answers_flagged"
 """Name of the metadata record of bits of `Status` that all later answers have, until the next such record"""
 STATUS = "status"
 """Key in this record for the bits, as a number"""
+
+
+class RunState(NamedTuple):
+    """State of a run between two ticks; it is written to a recording as JSON."""
+
+    stamp: int | None
+    """Stamp of the last tick [ns]; None after a reset"""
+    angles: Sequence[Sequence[Any]]
+    """Angles that the last tick has used, and the next one may: stamp, angle, height and delay of an `AngleSample`"""
+    numbers: Sequence[Sequence[float]]
+    """`Stream.state` of each compartment"""
 
 
 class RecordedKnee(NamedTuple):

@@ -14,11 +14,17 @@ from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.sections import PairingSection
-from knee_contact_ros.streams.timeline import AngleSample, LoadSample, Refusals, Timeline
+from knee_contact_ros.streams.timeline import (
+    LONG_STEP,
+    AngleSample,
+    LoadSample,
+    Refusals,
+    Timeline,
+)
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 # Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
-OK = int(Status.OK)
+STATUS_OK = int(Status.OK)
 STALE_INPUT = int(Status.STALE_INPUT)
 TIME_RESET = int(Status.TIME_RESET)
 INPUT_HELD = int(Status.INPUT_HELD)
@@ -73,6 +79,7 @@ class Synchroniser:
         self.load_time: Timeline[LoadSample] = Timeline(
             self._max_gap, self._queue, self.refused, "load"
         )
+        self.angle_time.on_set_back = self.load_time.on_set_back = self._compare_set_back
         self.unrecorded_angles = 0
         """Number of angles in no pair, because more than `pairing.queue` came between two loads"""
         self.waiting_loads: deque[LoadSample] = deque()
@@ -85,7 +92,7 @@ class Synchroniser:
         self._last_load: int | None = None
         self.last_pair: int | None = None
         """Stamp [ns] of the last pair"""
-        self.lasting = OK
+        self.lasting = STATUS_OK
         """Bits of `Status` of every later pair; see `flag_from_now`"""
         self.on_flags: Callable[[], object] = lambda: None
         """Function that is called when `lasting` has changed"""
@@ -97,7 +104,7 @@ class Synchroniser:
         self._load_came_last = False
         self._differing_since: int | None = None  # stamp of a load
         self._has_paired = False  # later loads before all angles are due to the clocks
-        self._flags = OK
+        self._flags = STATUS_OK
 
     @property
     def fill(self) -> float:
@@ -147,7 +154,7 @@ class Synchroniser:
     def flag_from_now(self, reason: str, bits: int) -> None:
         """Give every later pair these bits of `Status` for a reason, until they are set to 0."""
         self._lasting[reason] = bits
-        lasting = OK
+        lasting = STATUS_OK
         for each in self._lasting.values():
             lasting |= each
         if lasting != self.lasting:
@@ -247,9 +254,20 @@ class Synchroniser:
         if of_load and len(self.leads) < MAX_LEADS:
             self.leads.append(stamp - other)
 
+    @property
+    def set_apart(self) -> float:
+        """Time [s] by which the clock of the angles was set back beside that of the loads, as refused samples show."""
+        return (self.angle_time.set_back - self.load_time.set_back) / NANOSECONDS
+
+    def _compare_set_back(self) -> None:
+        """Flag all answers while one clock was set back beside the other."""
+        usual = max(self.angle_time.step_limit, self.load_time.step_limit) // LONG_STEP
+        is_apart = abs(self.set_apart) * NANOSECONDS > usual
+        self.flag_from_now("clock set back", STALE_INPUT if is_apart else STATUS_OK)
+
     def _set_clocks_differ(self, differ: bool) -> None:
         self.clocks_differ = differ
-        self.flag_from_now("clocks differ", STALE_INPUT if differ else OK)
+        self.flag_from_now("clocks differ", STALE_INPUT if differ else STATUS_OK)
 
     def _pairs_with_angles(self, samples: Iterable[AngleSample]) -> Pairs:
         """Make the pairs that accepted angles make possible."""
@@ -307,7 +325,7 @@ class Synchroniser:
             status |= self._flags | self.lasting
             if self.refused.is_new:
                 status |= INPUT_REJECTED
-            self._flags = OK
+            self._flags = STATUS_OK
             self.refused.is_new = False
             yield PairedSample(
                 load, angle.angle, angle.height, status, tuple(angles), angle.others
@@ -323,12 +341,14 @@ class Synchroniser:
         while len(angles) > 1 and angles[1].stamp <= stamp:
             angles.popleft()
         if not angles:
-            return (None, OK) if hold else None
+            return (None, STATUS_OK) if hold else None
         before = angles[0]
         if before.stamp > stamp:  # the loads have jumped back alone, or began sooner
-            return (angles[-1], INPUT_HELD | STALE_INPUT) if self._has_paired else (None, OK)
+            return (
+                (angles[-1], INPUT_HELD | STALE_INPUT) if self._has_paired else (None, STATUS_OK)
+            )
         if before.stamp == stamp:
-            return before, OK
+            return before, STATUS_OK
         if len(angles) > 1:
             after = angles[1]
             return _interpolate(before, after, stamp), self._stale(after.stamp - before.stamp)
@@ -336,7 +356,7 @@ class Synchroniser:
 
     def _stale(self, gap: int) -> int:
         """Status bit of a gap [ns] between two samples."""
-        return STALE_INPUT if gap > self._max_gap else OK
+        return STALE_INPUT if gap > self._max_gap else STATUS_OK
 
 
 def _interpolate(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample:

@@ -12,7 +12,7 @@ No clock is used: the decision depends only on the samples of both streams and t
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -111,6 +111,13 @@ class Timeline(Generic[S]):
         """Step [ns] of the last jump"""
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
+        self.missing = 0
+        """Number of samples that holes in the stamps, up to `max_gap`, show to be missing; a longer one is flagged"""
+        self.set_back = 0
+        """Time [ns] by which the clock was set back, for less than `max_gap` and for good"""
+        self.on_set_back: Callable[[], object] = lambda: None
+        """Function that is called when `set_back` has changed"""
+        self._late: list[int] = []  # stamps of refused samples that continue each other
         self.step_limit = max_gap
         """Longest step [ns] that continues the stream"""
         self._max_gap = max_gap
@@ -148,7 +155,7 @@ class Timeline(Generic[S]):
             if not is_late:  # the stream does not continue with those held back
                 self._reject_held_back(len(held_back))
         if is_late:
-            self._refused.count_refused(f"{self._name}_not_in_order")
+            self._refuse_late(stamp)
             return []
         self.held_back.append(sample)
         if len(self.held_back) >= self._max_held_back:
@@ -194,6 +201,31 @@ class Timeline(Generic[S]):
         """Forget everything; the samples that were held back are rejected."""
         self._reject_held_back(len(self.held_back))
         self.resume(None, ())
+        self._late.clear()
+        self._set_back_by(0)
+
+    def _refuse_late(self, stamp: int) -> None:
+        """Refuse a late sample at a stamp [ns]."""
+        if self._late and not 0 < stamp - self._late[-1] <= self.step_limit:
+            self._late.clear()
+        self._late.append(stamp)
+        self._refused.count_refused(f"{self._name}_not_in_order")
+
+    def _end_late(self, stamp: int, last: int) -> None:
+        """Judge the late samples before an accepted one, at a stamp [ns], that follows the `last` accepted one.
+
+        A clock that was set back gives late samples that run into those accepted later. Packets in the wrong order
+        leave a hole before these.
+        """
+        late = self._late
+        if len(late) >= JUMP_SAMPLES and stamp - late[-1] <= self.step_limit and self.steps:
+            self._set_back_by(self.set_back + last - late[0] + _usual_step(self.steps))
+        late.clear()
+
+    def _set_back_by(self, time: int) -> None:
+        if time != self.set_back:
+            self.set_back = time
+            self.on_set_back()
 
     def _reject_held_back(self, rejected: int) -> None:
         """Hold no samples back any more, and count this number of them as refused."""
@@ -250,15 +282,26 @@ class Timeline(Generic[S]):
     def _advance_to(self, stamp: int) -> None:
         """Let a stamp [ns] be the last one, and remember the step to it."""
         if self.last is not None and stamp > self.last:
+            if self._late:
+                self._end_late(stamp, self.last)
             step = stamp - self.last
             steps = self.steps
+            usual = self.step_limit // LONG_STEP
+            if steps and 2 * step > 3 * usual:
+                self._note_long_step(step, usual)
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
             # Sorting is left out while neither the new step nor the dropped one can be among the two longest.
-            shortest = self.step_limit // LONG_STEP
-            if step >= shortest or dropped >= shortest or len(steps) <= 2:
+            if step >= usual or dropped >= usual or len(steps) <= 2:
                 self.step_limit = LONG_STEP * _usual_step(steps)
         self.last = stamp
+
+    def _note_long_step(self, step: int, usual: int) -> None:
+        """Count the samples that are missing before a long step [ns], unless it sets the clock right again."""
+        if self.set_back and abs(step - usual - self.set_back) <= usual:
+            self._set_back_by(0)
+        elif len(self.steps) == STEPS and step <= self._max_gap:
+            self.missing += round(step / usual) - 1
 
 
 def _usual_step(steps: deque[int]) -> int:

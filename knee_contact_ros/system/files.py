@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.portable import READ_FLAGS
 
 PACKAGE = "knee_contact_ros"
 DEFAULT_PARAMETERS = "healthy.yaml"
@@ -129,15 +130,14 @@ def open_regular(path: Path) -> BufferedReader:
     Raises:
         OSError: it cannot be opened, or is not a regular file (but a folder, pipe, socket or device).
     """
+    if path.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        descriptor = os.open(path, READ_FLAGS)
     except ValueError:  # a zero byte, or a character that no file's name has
         raise OSError(errno.EINVAL, "no file can have this name", str(path)) from None
     try:
-        mode = os.fstat(descriptor).st_mode
-        if stat.S_ISDIR(mode):
-            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        if not stat.S_ISREG(mode):
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "it is no regular file", str(path))
     except BaseException:
         os.close(descriptor)

@@ -1,6 +1,6 @@
 """Output files get their names when they are complete; until then they have the suffix `.partial`.
 
-The writer of a recording holds a lock (`flock`) on its unfinished file; the lock always ends with the process. So a
+The writer of a recording holds a lock on its unfinished file; the lock always ends with the process. So a
 file that is being written differs from one that was cut off. Only plain files are opened: a link would lead elsewhere,
 and a pipe would block.
 
@@ -11,11 +11,10 @@ interrupted command leaves nothing.
 from __future__ import annotations
 
 import errno
-import fcntl
 import itertools
 import os
-import shlex
 import shutil
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -24,6 +23,7 @@ from typing import IO
 
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import expand_user, is_file
+from knee_contact_ros.system.portable import READ_FLAGS, lock, quoted
 
 PARTIAL = ".partial"
 STAMP_PLACEHOLDER = "{stamp}"
@@ -39,8 +39,6 @@ LOCK_TRIES = 5
 """Number of attempts to lock a file, as others may briefly hold the lock to check it"""
 LOCK_PAUSE = 0.01
 """Pause between two of them [s]"""
-CREATE_FLAGS = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-"""Flags to create and open a new file"""
 DISK_FULL_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 """Errors of a full disk, or of a file that became too large for it or for its user"""
 
@@ -90,7 +88,8 @@ def check_writable(path: Path) -> None:
         _check_not_folder(path)
         with suppress(FileNotFoundError):
             partial_name(path).lstat()
-        TemporaryFile(dir=next(filter(os.path.lexists, path.absolute().parents))).close()
+        folders = path.absolute().parents
+        TemporaryFile(dir=next(filter(os.path.lexists, folders), folders[-1])).close()
     except (OSError, ValueError) as error:
         raise _not_writable(path, error) from None
 
@@ -162,7 +161,7 @@ def being_written_message(partial: Path) -> str:
 
 def cut_off_message(partial: Path) -> str:
     """Return the message for the unfinished file of a recording that was cut off."""
-    command = REPAIR_COMMANDS[partial.with_suffix("").suffix].format(shlex.quote(str(partial)))
+    command = REPAIR_COMMANDS[partial.with_suffix("").suffix].format(quoted(partial))
     return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
 
@@ -187,7 +186,7 @@ def claim(path: Path, overwrite: bool = False) -> IO[bytes]:
                 sync_folder(folder)
         if overwrite:
             partial.unlink(missing_ok=True)
-        file = open(partial, "r+b", opener=lambda name, _: os.open(name, CREATE_FLAGS, 0o666))  # noqa: SIM115
+        file = partial.open("x+b")  # which follows no link
     except FileExistsError:
         raise UsageError(being_written_message(partial)) from None
     except (OSError, ValueError) as error:
@@ -198,11 +197,11 @@ def claim(path: Path, overwrite: bool = False) -> IO[bytes]:
     return file
 
 
-def _lock(file: IO[bytes]) -> bool:
+def _lock(file: IO[bytes], shared: bool = False) -> bool:
     """Lock a file, and return whether that worked; where the file system has no locks, nobody else can hold one."""
     for _ in range(LOCK_TRIES):
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(file, shared)
         except BlockingIOError:
             time.sleep(LOCK_PAUSE)
         except OSError:
@@ -250,6 +249,9 @@ def rename_new(partial: Path, name: Path) -> None:
         FileExistsError: the name is taken.
         OSError: it cannot be renamed.
     """
+    if sys.platform == "win32":
+        partial.rename(name)  # which overwrites on other systems
+        return
     try:
         os.link(partial, name, follow_symlinks=False)
     except OSError as error:
@@ -270,15 +272,16 @@ def write_new(path: Path, data: bytes) -> None:
         OSError: it cannot be written; no file is left then.
     """
     path.unlink(missing_ok=True)
-    with os.fdopen(os.open(path, CREATE_FLAGS, 0o666), "wb") as file:
-        try:
+    file = path.open("xb")
+    try:
+        with file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        except OSError:
-            with suppress(OSError):
-                path.unlink()
-            raise
+    except OSError:
+        with suppress(OSError):
+            path.unlink()
+        raise
 
 
 def write_complete(contents: Mapping[Path, bytes]) -> None:
@@ -304,7 +307,7 @@ def write_complete(contents: Mapping[Path, bytes]) -> None:
 def sync_folder(folder: Path) -> None:
     """Sync the entries of a folder to the disk, where the file system can."""
     with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        handle = os.open(folder, READ_FLAGS)
         try:
             os.fsync(handle)
         finally:
@@ -314,13 +317,10 @@ def sync_folder(folder: Path) -> None:
 def is_being_written(partial: Path) -> bool:
     """Return whether a process holds the lock of an unfinished file."""
     try:
-        with os.fdopen(os.open(partial, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+        with os.fdopen(os.open(partial, READ_FLAGS), "rb") as file:
+            return not _lock(file, shared=True)
     except (OSError, ValueError):  # it cannot even be opened
-        pass
-    return False
+        return False
 
 
 def unfinished_files(folder: Path, suffix: str) -> list[Path]:

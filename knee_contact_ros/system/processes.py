@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import FrameType
@@ -204,6 +205,45 @@ def interrupted_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, previous)
 
 
+@contextmanager
+def ignoring_interrupts() -> Iterator[None]:
+    """Make processes and threads that start in this context ignore Ctrl-C; the caller receives it and ends them.
+
+    On Windows they receive it, too.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    # The tracker lets the signal through again in the thread that starts it, so it is started before.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def unwinding_on_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the process by an exception, so that context managers restore everything."""
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    ours = [
+        number
+        for number in {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
+        if signal.getsignal(number) == signal.SIG_DFL
+    ]
+    for number in ours:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
+
+
 LOCALHOST = "127.0.0.1"
 
 
@@ -221,8 +261,10 @@ def check_port_free(port: int, name: str) -> None:
         UsageError: another process listens on it, or it is not allowed.
     """
     with socket.socket() as probe:
-        # As the server does: otherwise closed connections that linger would take the port.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # As the server does: otherwise closed connections that linger would take the port. On Windows the usual option
+        # would let two servers share it.
+        option = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
+        probe.setsockopt(socket.SOL_SOCKET, option, 1)
         try:
             probe.bind((LOCALHOST, port))
         except OSError as error:

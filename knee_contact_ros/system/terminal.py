@@ -5,10 +5,12 @@ Rich is imported when a table is made, so that commands which print lines only n
 
 from __future__ import annotations
 
+import json
+import math
 import shutil
 import sys
 import textwrap
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -22,6 +24,36 @@ WIDTH = 78
 """Largest width of a table in columns: a terminal has 80"""
 UNBOUNDED = 10_000
 """Width in columns that no table reaches"""
+
+
+JSON = "knee_contact_ros.json"
+"""Key of Click's context: whether the results are printed as JSON"""
+
+
+def as_json() -> bool:
+    """Return whether the running command prints its results as JSON, and no tables or lines."""
+    context = click.get_current_context(silent=True)
+    return bool(context and context.meta.get(JSON))
+
+
+def print_json(**values: Any) -> None:
+    """Print results as one JSON object, in SI units; null stands for NaN and infinity."""
+    click.echo(json.dumps(_plain(values), indent=2))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as what JSON has: named tuples are objects, and arrays are lists."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if hasattr(value, "tolist"):  # of NumPy
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int) else str(value)
 
 
 def warn(sentences: Iterable[str]) -> None:

@@ -51,7 +51,7 @@ BODY = "body"
 """Path of the knee"""
 LEG = "leg"
 """Path of the leg in space; the robot's name in its URDF"""
-CONTACT_PATH = "contact_path"
+CONTACT_PATH_ENTITY = "contact_path"
 SCALE_BAR = 10.0
 """Length of the scale bar [mm]"""
 MAGNIFICATION = 10.0
@@ -200,7 +200,7 @@ def _plane(drawing: KneeOutlines, bounds: rrb.VisualBounds2D, several: bool) -> 
         name=plane_title(drawing, several),
         background=colours.BACKGROUND,
         visual_bounds=bounds,
-        overrides={f"{camera}/{CONTACT_PATH}": rrb.VisibleTimeRanges([recent])},
+        overrides={f"{camera}/{CONTACT_PATH_ENTITY}": rrb.VisibleTimeRanges([recent])},
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -46,7 +47,7 @@ LIVE_GATHER = 0.05
 """The same, for a live viewer"""
 SERVED_MEMORY = "64MB"
 """Memory that a server keeps for viewers that connect later; older data is dropped first"""
-BATCH_SIZE = 4000
+MAX_BATCH = 4000
 """Number of answers shown at a time: a message to Rerun costs as much as hundreds of answers"""
 FILE_PERIOD = 1.0
 """Longest time [s] that a batch waits to be full, for a file"""
@@ -60,7 +61,13 @@ NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
 DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY_LIMIT = "1GB"
 """Memory that a node's viewer may take; older data is dropped first"""
-LOW_PRIORITY_PREFIX = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
+VIEWER_NAMES = ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun")
+"""Names of the viewer in its package, on Linux, Windows and macOS"""
+VIEWER_ENVIRONMENT = {"NO_COLOR": "1"}
+"""Environment variables of a viewer, whose output is then without colours"""
+LOW_PRIORITY_PREFIX = (
+    ("env", "--default-signal=INT,TERM", "nice", "-n", "10") if sys.platform == "linux" else ()
+)
 """Prefix of the command of a node's viewer, which runs at low priority, so that no tick waits for it, and obeys signals
 that the process of a scene ignores"""
 VIEWER_EXIT_TIMEOUT = 5.0
@@ -173,7 +180,7 @@ class Viewer:
     def write(self, parts: Sequence[bytes]) -> None:
         """Add the rows of answers to the batch, and show it if it is full."""
         self._batch += parts
-        if len(self._batch) >= BATCH_SIZE:
+        if len(self._batch) >= MAX_BATCH:
             self._show()
 
     def note(self, name: str, values: dict[str, str]) -> None:
@@ -238,7 +245,8 @@ class RerunFile:
     """An `.rrd` file with its blueprint; it appears under its final name when it is complete.
 
     Rerun's thread for files ends at an error, such as a full disk, and waiting for it may then last forever. So it
-    writes into a pipe, which gives it no errors, and our own thread writes the file.
+    writes into a pipe, which gives it no errors, and our own thread writes the file. On Windows a pipe has no path, and
+    Rerun writes the file.
     """
 
     def __init__(
@@ -263,11 +271,16 @@ class RerunFile:
         self._partial = output_files.partial_name(path)
         self._file = output_files.claim(path, overwrite)
         self._error: OSError | None = None
-        self._source, sink = os.pipe()
-        self._thread = Thread(target=self._copy, name="Rerun file", daemon=True)
-        self._thread.start()
+        self._thread = None
         self.recording = rr.RecordingStream(APPLICATION)
-        self.recording.save(f"/dev/fd/{sink}", default_blueprint=blueprint(drawings, latency))
+        drawn = blueprint(drawings, latency)
+        if sys.platform == "win32":
+            self.recording.save(self._partial, default_blueprint=drawn)
+            return
+        source, sink = os.pipe()
+        self._thread = Thread(target=self._copy, args=[source], name="Rerun file", daemon=True)
+        self._thread.start()
+        self.recording.save(f"/dev/fd/{sink}", default_blueprint=drawn)
         os.close(sink)  # Rerun has opened it: the copy is complete when Rerun closes it
 
     def check(self) -> None:
@@ -286,19 +299,24 @@ class RerunFile:
             OSError: the file is not complete.
         """
         self.recording.flush()
-        self.recording.disconnect()
-        self._thread.join()
+        self._end_writing()
         self.check()
         self.path = output_files.take_name(self._partial, self.path, self._overwrite)
 
     def discard(self) -> None:
         """Give up, and remove the file."""
-        self.recording.disconnect()
+        self._end_writing()
         self._partial.unlink(missing_ok=True)
 
-    def _copy(self) -> None:
+    def _end_writing(self) -> None:
+        self.recording.disconnect()
+        if self._thread:
+            self._thread.join()
+        self._file.close()
+
+    def _copy(self, descriptor: int) -> None:
         """Write all that comes until the pipe is closed; after an error, which is kept, drop it."""
-        with os.fdopen(self._source, "rb", buffering=0) as source:
+        with os.fdopen(descriptor, "rb", buffering=0) as source:
             try:
                 with self._file as file:  # a network disk may report an error when it is closed
                     while data := source.read(PIPE_SIZE):
@@ -324,7 +342,10 @@ class ViewerWindow:
         self._address = address
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
         self._process: Process | None = start_process(
-            connect_command([address]), self._log, start_new_session=True
+            connect_command([address]),
+            self._log,
+            start_new_session=True,
+            env=os.environ | VIEWER_ENVIRONMENT,
         )
 
     def news(self) -> tuple[str, ...]:
@@ -348,7 +369,8 @@ def find_viewer() -> Path | None:
     """
     package = find_spec("rerun_cli")
     folders = package.submodule_search_locations or () if package else ()
-    return next((path for folder in folders if (path := Path(folder) / "rerun").exists()), None)
+    places = (Path(folder) / name for folder in folders for name in VIEWER_NAMES)
+    return next((path for path in places if path.exists()), None)
 
 
 def require_viewer(wanted: str = "") -> Path:
@@ -365,7 +387,9 @@ def require_viewer(wanted: str = "") -> Path:
 
 def has_display() -> bool:
     """Return whether this process can open windows on a screen."""
-    return any(os.environ.get(name) for name in DISPLAY_VARIABLES)
+    return sys.platform in ("win32", "darwin") or any(
+        os.environ.get(name) for name in DISPLAY_VARIABLES
+    )
 
 
 def require_display(instead: str) -> None:
@@ -379,7 +403,7 @@ def require_display(instead: str) -> None:
 
 
 def viewer_command(*options: str, port: int = 0) -> list[str]:
-    """Return the command of a viewer, without colours in its output, whose own server only this machine can reach.
+    """Return the command of a viewer whose own server only this machine can reach.
 
     It gets a `port`, by default a free one: at a port in use, the viewer would send its data to the other process.
 
@@ -387,7 +411,7 @@ def viewer_command(*options: str, port: int = 0) -> list[str]:
         UsageError: Rerun is not installed.
     """
     server = ("--bind", LOCALHOST, "--port", str(port or free_port()))
-    return ["env", "NO_COLOR=1", str(require_viewer()), *server, *options]
+    return [str(require_viewer()), *server, *options]
 
 
 def connect_command(addresses: Sequence[str]) -> list[str]:
@@ -402,7 +426,8 @@ def run_viewer(command: Sequence[str]) -> None:
         IncompleteError: the viewer failed.
     """
     with tempfile.TemporaryFile() as log:
-        with running(command, log, VIEWER_EXIT_TIMEOUT) as process:
+        environment = os.environ | VIEWER_ENVIRONMENT
+        with running(command, log, VIEWER_EXIT_TIMEOUT, env=environment) as process:
             code = process.wait()
         if code:
             raise IncompleteError(f"the Rerun viewer {_ending(code, log)}")

@@ -14,18 +14,18 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.view.anatomy import Picture, picture_of
 
-BONE = "#F0E8D6"
-CARTILAGE = "#A9D0EC"
-EDGE = "#7A7060"
+BONE_FILL = "#F0E8D6"
+CARTILAGE_FILL = "#A9D0EC"
+BONE_LINE = "#7A7060"
 """Colour of the edges of bones"""
-SURFACE = "#4F93C4"
+CARTILAGE_LINE = "#4F93C4"
 """Colour of the edges of cartilage"""
-OVERLAP = "#1F6FB2"
+CARTILAGE_OVERLAP = "#1F6FB2"
 """Colour of the overlap of cartilages"""
-DEEP_OVERLAP = "#C2357F"
+BONE_OVERLAP = "#C2357F"
 """Colour of an overlap beyond the first layer"""
-FORCE = "#C8481A"
-INK = "#1B1F24"
+FORCE_ARROW = "#C8481A"
+DEPTH_WORD = "#1B1F24"
 """Colour of the depth"""
 QUIET = "#5B6570"
 """Colour of names, directions and scale"""
@@ -80,11 +80,13 @@ def draw_knee(
         (picture.tibia_bone, picture.tibia_cartilage),
         (picture.femur_bone, picture.femur_cartilage),
     ):
-        fill(axis, MM * bone, BONE)
-        fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
+        fill(axis, MM * bone, BONE_FILL)
+        fill(
+            axis, MM * cartilage, CARTILAGE_FILL, CARTILAGE_LINE
+        )  # half a millimetre of it is but its edge
     layer = min(model.cartilage_thickness, model.law.thickness)
-    fill(axis, MM * magnified_overlap(picture, layer), OVERLAP, OVERLAP)
-    fill(axis, MM * magnified_overlap(picture, math.inf, layer), DEEP_OVERLAP, DEEP_OVERLAP)
+    fill(axis, MM * magnified_overlap(picture, layer), CARTILAGE_OVERLAP, CARTILAGE_OVERLAP)
+    fill(axis, MM * magnified_overlap(picture, math.inf, layer), BONE_OVERLAP, BONE_OVERLAP)
     everything = MM * np.concatenate(picture[:4])
     left, bottom = everything.min(axis=0)
     right, top = everything.max(axis=0)
@@ -94,11 +96,17 @@ def draw_knee(
     axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
     axis.set_axis_off()
     end = contact + MM_PER_WEIGHT * force / body_weight * normal
-    look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
+    look = {
+        "arrowstyle": "-|>",
+        "color": FORCE_ARROW,
+        "linewidth": 2.0,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
     axis.annotate("", end, contact, zorder=6, annotation_clip=False, arrowprops=look)
     style = {"ha": "center", "fontsize": 9, "fontweight": "bold", "zorder": 6}
     label = f"{force / body_weight:.2f} BW\n({force:.0f} N)"
-    axis.text(end[0], end[1] + 1.0, label, color=FORCE, va="bottom", **style)
+    axis.text(end[0], end[1] + 1.0, label, color=FORCE_ARROW, va="bottom", **style)
     depth = MM * picture.depth
     words = (
         f"{depth:.3f} mm deep\n(drawn × {MAGNIFICATION:g})"
@@ -109,7 +117,11 @@ def draw_knee(
     # The word stays within the picture.
     below = np.maximum(below, (left, bottom))
     axis.text(
-        *below, words, color=INK, va="top", **style | {"fontsize": 7.5, "fontweight": "normal"}
+        *below,
+        words,
+        color=DEPTH_WORD,
+        va="top",
+        **style | {"fontsize": 7.5, "fontweight": "normal"},
     )
     up = (-math.sin(angle), math.cos(angle))
     for text, bone, shaft in (
@@ -145,7 +157,7 @@ def magnified_overlap(picture: Picture, most: float, least: float = 0.0) -> Floa
     return np.concatenate([top[deep], bottom[deep][::-1]])
 
 
-def fill(axis: Any, polygon: Floats, colour: str, edge: str = EDGE) -> None:
+def fill(axis: Any, polygon: Floats, colour: str, edge: str = BONE_LINE) -> None:
     """Fill a polygon, shape (n, 2), unless it has fewer than three points."""
     if len(polygon) > 2:
         axis.fill(*polygon.T, facecolor=colour, edgecolor=edge, linewidth=0.7)

@@ -58,9 +58,9 @@ _WORD_BELOW_POINT = 7.0
 """Distance [mm] from the contact point to the gap's word below it, past the force's word"""
 _FORCE_WORD_REACH = 0.8
 """Largest distance from the contact to the force's word, in extents of the femur: there is bone behind it"""
-FEMUR = "femur"
+FEMUR_ENTITY = "femur"
 POINT = "contact_point"
-OVERLAP = "overlap"
+OVERLAP_ENTITY = "overlap"
 ARROW = "contact_force_on_femur"
 FORCE_WORD = "contact_force"
 DEPTH_WORD = "depth"
@@ -75,7 +75,7 @@ def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     knee = drawing.anatomy
     for name, layer, bone, cartilage, colour in (
         ("tibia", "tibial cartilage", knee.tibia_bone, knee.tibia_cartilage, colours.TIBIA),
-        (FEMUR, "femoral cartilage", knee.femur_bone, knee.femur_cartilage, colours.FEMUR),
+        (FEMUR_ENTITY, "femoral cartilage", knee.femur_bone, knee.femur_cartilage, colours.FEMUR),
     ):
         yield f"{name}/bone", _filled(bone, name, colour)
         yield f"{name}/cartilage", _filled(cartilage, layer, colours.COVER)
@@ -96,7 +96,10 @@ def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     layers = [band + 2 * OVERLAP_POINTS * number for number in range(len(paints))]
     indices = np.concatenate(layers).astype(np.uint32)
     vertex_colours = np.array(paints, dtype=np.uint8).repeat(2 * OVERLAP_POINTS, axis=0)
-    yield OVERLAP, rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=vertex_colours)
+    yield (
+        OVERLAP_ENTITY,
+        rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=vertex_colours),
+    )
 
 
 def _filled(polygon: Floats, layer: str, colour: Colour) -> rr.Mesh3D:
@@ -108,7 +111,7 @@ def _filled(polygon: Floats, layer: str, colour: Colour) -> rr.Mesh3D:
     )
 
 
-def _word(place: Any, text: str, colour: Colour = colours.TEXT) -> rr.Points2D:
+def _word(place: Any, text: str, colour: Colour = colours.LIGHT_TEXT) -> rr.Points2D:
     """Make a word below a place on the screen [mm]."""
     return rr.Points2D(
         [place], labels=[text], colors=[colour], radii=[_INVISIBLE], show_labels=True
@@ -120,7 +123,7 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     frame = layout.frame_of(drawing)
     corner = np.array(frame.axes)
     ends = np.array([[frame.axis_length, 0.0], [0.0, -frame.axis_length]])
-    white = [colours.TEXT]
+    white = [colours.LIGHT_TEXT]
     yield (
         "axes",
         rr.Arrows2D(origins=[corner] * 2, vectors=ends, colors=white, radii=[_AXIS_WIDTH]),
@@ -131,12 +134,12 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     yield "scale", rr.LineStrips2D([bar], colors=white, radii=[_ARROW_WIDTH])
     yield "scale/name", _word(bar.mean(axis=0), f"{SCALE_BAR:g} mm")
     yield "tibia/name", _word(frame.tibia_name, "tibia", colours.INK)
-    yield f"{FEMUR}/name", _word(frame.femur_name, "femur", colours.INK)
+    yield f"{FEMUR_ENTITY}/name", _word(frame.femur_name, "femur", colours.INK)
     yield POINT, rr.Points2D.from_fields(radii=[_POINT_SIZE], draw_order=_POINT_ORDER)
     path = rr.Points2D.from_fields(
         colors=[colours.CONTACT_PATH], radii=[_PATH_SIZE], draw_order=_PATH_ORDER
     )
-    yield layout.CONTACT_PATH, path
+    yield layout.CONTACT_PATH_ENTITY, path
     yield ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[_ARROW_WIDTH])
     ink = rr.Points2D.from_fields(colors=[colours.INK], radii=[_INVISIBLE], show_labels=True)
     yield FORCE_WORD, ink
@@ -145,7 +148,7 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
 
 def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of poses and overlaps, at least one; the second layer begins at the depth `layer` [m]."""
-    yield FEMUR, _pose(answers)
+    yield FEMUR_ENTITY, _pose(answers)
     femur = to_tibia_frame(
         drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"]
     )
@@ -160,17 +163,17 @@ def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator
     rows += [rows[0] - MAGNIFICATION * edge[..., None] * normal[:, None] for edge in edges]
     vertices = _in_space((np.stack(rows, axis=1) * _ON_SCREEN).reshape(-1, 2), "overlap")
     lengths = np.full(len(answers), len(rows) * OVERLAP_POINTS)
-    yield OVERLAP, rr.Mesh3D.columns(vertex_positions=vertices).partition(lengths)
+    yield OVERLAP_ENTITY, rr.Mesh3D.columns(vertex_positions=vertices).partition(lengths)
 
 
 def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of the marks in front of the knee, of at least one picture."""
-    yield FEMUR, _pose(answers)
+    yield FEMUR_ENTITY, _pose(answers)
     contact = answers["contact_point"]
     point = np.stack([contact["x"], contact["y"]], axis=1) * _ON_SCREEN
     tints = colours.STATE_COLOURS[answers["contact_state"].astype(int)]
     yield POINT, rr.Points2D.columns(positions=point, colors=tints)
-    yield layout.CONTACT_PATH, rr.Points2D.columns(positions=point)
+    yield layout.CONTACT_PATH_ENTITY, rr.Points2D.columns(positions=point)
     force = answers["contact_force"]
     normal = np.stack([answers["normal_x"], -answers["normal_y"]], axis=1)
     arrow = force[:, None] / NEWTONS_PER_MM * normal

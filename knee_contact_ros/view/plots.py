@@ -164,7 +164,7 @@ SOLVER_PLOTS = (
             ),
             Series(
                 "error of the depth [µm]",
-                colours.ERROR,
+                colours.ERROR_BAND,
                 2.0,
                 _field("error_estimate", MICROMETRES),
             ),

@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.bags.recorder import INTERRUPTED, FileLimits, check_recordable
+from knee_contact_ros.bags.recorder import INTERRUPTION, FileLimits, check_recordable
 from knee_contact_ros.node.outputs import size_of
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters.files import load_parameters
@@ -132,7 +132,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_pa
         names = [
             record.name for record in StreamReader(opened).records if isinstance(record, Metadata)
         ]
-    assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]
+    assert names == [PROVENANCE, INTERRUPTION, "rosbag2"]
 
 
 def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def test_the_picture_is_of_the_largest_load(
     with Image.open(tmp_path / "knee.png") as image:
         assert min(image.size) > 700
         pixels = np.asarray(image.convert("RGB")).astype(int)
-    surface = [int(picture.SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
+    surface = [int(picture.CARTILAGE_LINE[i : i + 2], 16) for i in (1, 3, 5)]
     # Cartilage is seen, also half a millimetre of it.
     assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800
 

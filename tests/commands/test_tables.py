@@ -107,7 +107,7 @@ def test_import_opensim(check: Check, tmp_path: Path) -> None:
 def test_trade(check: Check, right_bag: Path, tmp_path: Path) -> None:
     """Of a knee whose contact points differ too."""
     found = trade.measure(solve(right_bag, "mri_knee")[:20], worth=1e-6)
-    check(lambda: trade.show_trade(found))
+    check(lambda: trade.show_trade(found, Path("trade.png")))
 
 
 def test_a_line_that_hangs_breaks_between_words_on_a_terminal() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -12,6 +13,8 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.export import export
+from knee_contact_ros.model.compiler import ENTRY, TARGETS, object_code
+from knee_contact_ros.model.kernel import portable_code
 from knee_contact_ros.parameters.files import load_parameters
 from tests import ROOT
 
@@ -126,6 +129,28 @@ def test_wrong_constants_fail_the_exported_test(exported: Exported, tmp_path: Pa
     assert said.startswith("tick ")
 
 
+INSTRUCTIONS = {"healthy": 1_293_000, "mri_knee": 7_143_000}
+"""Instructions of the exported test's 200 ticks, with those of libm; counted, so that a change that costs more fails"""
+
+
+@pytest.mark.skipif(not shutil.which("valgrind"), reason="needs Debian: apt install valgrind")
+@pytest.mark.parametrize("knee", INSTRUCTIONS)
+def test_ticks_take_no_more_instructions(exported: Exported, knee: str) -> None:
+    folder = exported(knee, "x86-64")
+    assert compiled(folder, "-O2", f"{knee}_test.c", f"{knee}.c", "knee_contact.o") == ""
+    count = ["--tool=callgrind", f"--toggle-collect={ENTRY}", "--callgrind-out-file=/dev/null"]
+    done = subprocess.run(
+        ["valgrind", *count, "./program"],  # noqa: S607
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=TIME_LIMIT,
+        check=True,
+    )
+    (counted,) = re.findall(r"Collected : (\d+)", done.stderr)
+    assert 0.5 * INSTRUCTIONS[knee] < int(counted) <= 1.05 * INSTRUCTIONS[knee]
+
+
 @pytest.mark.parametrize("knee", ["healthy", "mri_knee"])
 def test_the_same_bytes_on_aarch64(exported: Exported, knee: str) -> None:
     compiler, emulator = "aarch64-linux-gnu-gcc", "qemu-aarch64"
@@ -138,6 +163,23 @@ def test_the_same_bytes_on_aarch64(exported: Exported, knee: str) -> None:
     assert compiled(folder, "-std=c99", *WARNINGS, *sources, compiler=compiler) == ""
     code, said = ran(folder, emulator, "-L", "/usr/aarch64-linux-gnu", "./program")
     assert (code, "200 of 200" in said) == (0, True), said
+
+
+def test_an_object_of_another_float_abi_is_not_linked(exported: Exported, tmp_path: Path) -> None:
+    """As the one that LLVM makes for a triple that is not normalised."""
+    if not shutil.which("arm-none-eabi-gcc"):
+        pytest.skip("needs Debian: apt install gcc-arm-none-eabi libnewlib-arm-none-eabi")
+    folder = shutil.copytree(exported("healthy", "cortex-m7"), tmp_path / "soft")
+    target = TARGETS["cortex-m7"]._replace(triple="thumbv7em-none-eabihf")
+    (folder / "knee_contact.o").write_bytes(object_code(portable_code(), target))
+    done = subprocess.run(
+        [MICROCONTROLLER / "build.sh", folder, "healthy_test.c", "healthy.c"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "VFP register arguments" in done.stderr
 
 
 @pytest.mark.parametrize("knee", ["healthy", "mri_knee"])

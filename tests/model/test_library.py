@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("tabulate", reason="the studies' tables")
+
 from knee_contact_ros import load_model
 from knee_contact_ros.model import compiler, kernel
 from knee_contact_ros.model.compiler import (
@@ -27,6 +29,8 @@ from knee_contact_ros.model.compiler import (
 )
 from knee_contact_ros.model.kernel import is_built, library_file
 from knee_contact_ros.model.laws import CONTACT_LAWS
+from studies.honesty import ours
+from studies.honesty.scenes import draw
 from tests.helpers.package import copy_of_the_package
 from tests.helpers.scenes import law, model
 from tests.model.scenes import PAIRS, hopping, stepping
@@ -51,6 +55,17 @@ def test_the_library_gives_the_bits_of_plain_python(name: str, level: str) -> No
         plain = replace(plain, level={"dynamic": plain.level, "quasi_static": 0}[level])
         fast = replace(plain, compiled=True)
         assert plain.run(time, angle, load).tobytes() == fast.run(time, angle, load).tobytes()
+
+
+@pytest.mark.parametrize("level", ["dynamic", "quasi_static"])
+def test_200_random_scenes_have_the_bits_of_plain_python(level: str) -> None:
+    """All laws, with extreme constants, of which one tick in a few reaches the budget."""
+    for seed in range(200):
+        scene = draw(seed)
+        knee = ours.knee(scene, level, 1e-6, budget=100)
+        motion = [column[:6] for column in (scene.time, scene.angle, scene.load)]
+        answers = [replace(knee, compiled=one).run(*motion).tobytes() for one in (True, False)]
+        assert answers[0] == answers[1], seed
 
 
 def test_both_copies_of_the_library_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import pytest
@@ -344,3 +344,74 @@ def test_a_constant_latency_is_reported() -> None:
         synchroniser.push_load(load(time))
         synchroniser.push_angle(angle(time + 10)._replace(delay=round(20 * MS)))
     assert set(synchroniser.leads[2:]) == {-20 * MS}
+
+
+SENT = 4.0
+"""Duration [s] of the runs below"""
+
+
+def sent(
+    rate: int, back: float, of: str, disorder: Callable[[list[int]], list[int]] = list
+) -> tuple[Synchroniser, list[PairedSample]]:
+    """Pairs of two streams [Hz]; a clock is set back by a time [s] in the middle, and the angle is the true time."""
+    paired, pairs = Synchroniser(PairingSection(max_gap=0.1)), list[PairedSample]()
+    for number in disorder(list(range(int(SENT * rate)))):
+        time = 10.0 + number / rate
+        shifts = {one: back if one in of and time > 12.0 else 0.0 for one in ("angle", "load")}
+        stamps = {one: round(1e9 * (time - shift)) for one, shift in shifts.items()}
+        pairs += paired.push_angle(AngleSample(stamps["angle"], time))
+        pairs += paired.push_load(LoadSample(stamps["load"], 1.0, 0.0, ""))
+    return paired, [*pairs, *paired.finish_streams()]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_clock_that_is_set_back_a_little_for_good_is_told_and_flagged(seed: int) -> None:
+    """By less than `max_gap`, so that the stream goes on after some refused samples."""
+    draw = random.Random(seed)
+    rate = draw.choice((100, 200, 500))
+    back = draw.uniform(4.0 / rate, 0.095)
+    of = draw.choice(("angle", "load"))
+    paired, pairs = sent(rate, back, of)
+    assert abs(paired.set_apart) == pytest.approx(back, abs=2.0 / rate)
+    assert (paired.set_apart > 0) == (of == "angle")
+    bits = Status.STALE_INPUT | Status.INPUT_HELD
+    flagged = [bool(pair.status & bits) for pair in pairs]
+    if of == "angle":  # the other's stamps are the true times
+        wrong = [abs(pair.angle - 1e-9 * pair.load.stamp) > 2.5 / rate for pair in pairs]
+        assert any(wrong)
+        assert not any(w and not f for w, f in zip(wrong, flagged, strict=True))
+    assert flagged[-1]
+    paired.clear_streams()
+    assert not paired.set_apart
+    assert not paired.lasting
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_both_clocks_set_back_and_packets_out_of_order_are_no_such_clock(seed: int) -> None:
+    draw = random.Random(seed)
+
+    def disorder(numbers: list[int]) -> list[int]:
+        for _ in range(10):
+            at, size = draw.randrange(len(numbers) - 20), draw.randint(1, 6)
+            moved = numbers[at : at + size]
+            del numbers[at : at + size]
+            later = at + draw.randint(1, 8)
+            numbers[later:later] = moved
+        return numbers
+
+    assert not sent(200, draw.uniform(0.02, 0.09), "angle load")[0].lasting
+    assert not sent(200, 0.0, "", disorder)[0].set_apart
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed: int) -> None:
+    """What a full queue has dropped shows in the stamps only; a pause beyond `max_gap` is flagged."""
+    draw, paired = random.Random(seed), Synchroniser(PairingSection(max_gap=0.1))
+    lost = {number for number in draw.sample(range(100, 2000), 40) if number % 3}
+    for number in range(2000):
+        stamp = round(5e6 * number + draw.uniform(-5e5, 5e5))
+        list(paired.push_angle(AngleSample(stamp, 0.1)))
+        if number not in lost:
+            list(paired.push_load(LoadSample(stamp, 1.0, 0.0, "")))
+    assert paired.load_time.missing == pytest.approx(len(lost), abs=3)
+    assert paired.angle_time.missing == 0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.model.types import ContactState
+from knee_contact_ros.model.types import ContactState, Status
 from knee_contact_ros.streams.strides import (
     Stride,
     Strides,
@@ -52,6 +52,8 @@ def test_the_distance_is_the_integral_of_the_speed() -> None:
     assert sliding_distance(time, velocity, apart) == pytest.approx(
         2.0 * 0.1 / math.pi - 1e-4, abs=1e-6
     )
+    # A speed that turns round between two ticks: two triangles
+    assert sliding_distance(np.arange(2.0), np.array([1.0, -1.0]), np.full(2, 2.0)) == 0.5
     assert math.isnan(sliding_distance(time, np.where(time > 1.0, np.nan, velocity), touching))
     assert sliding_distance(time[:1], velocity[:1], touching[:1]) == 0.0
 
@@ -80,6 +82,10 @@ def test_the_sliding_of_a_walking_knee() -> None:
     )
     found = strides_of(series, BODY_WEIGHT)
     assert len(found) == 6
+    flagged = series.copy()
+    flagged["status"] = np.where(np.arange(len(series)) == len(series) // 2, Status.STALE_INPUT, 0)
+    usable = [each.usable for each in strides_of(flagged, BODY_WEIGHT)]
+    assert (usable.count(True), usable.count(False)) == (5, 1)
     for each in found:
         assert each.span.duration == pytest.approx(
             STRIDE, abs=0.002

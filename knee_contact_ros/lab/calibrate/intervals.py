@@ -20,7 +20,7 @@ from knee_contact_ros.lab.calibrate.fit import LINEAR, Fit, autocorrelation, sam
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.progress import OnProgress
 
-MAX_DISTANCE = math.log(1e9)
+MAX_COORDINATE_STEP = math.log(1e9)
 """Largest distance [coordinates] from the fit at which the end of an interval is searched"""
 BETTER = 1e-2
 """Likelihood ratio by which a place must be better than the fit to replace it"""
@@ -102,8 +102,8 @@ def find_intervals(fit: Fit, level: float, advance: OnProgress) -> Intervals:
         return value
 
     low, high = fit.bounds
-    low = np.maximum(low, fit.place - MAX_DISTANCE)
-    high = np.minimum(high, fit.place + MAX_DISTANCE)
+    low = np.maximum(low, fit.place - MAX_COORDINATE_STEP)
+    high = np.minimum(high, fit.place + MAX_COORDINATE_STEP)
     minuit = Minuit(cost, fit.place)
     minuit.limits = list(zip(low, high, strict=True))
     minuit.errors = np.clip(np.sqrt(np.diag(fit.covariance)), SAME_PLACE, 1.0)

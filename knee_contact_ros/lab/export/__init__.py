@@ -58,7 +58,7 @@ UNCHECKED = ("stamp", "latency", "evaluations")
 """Fields that a tick does not know; and the cost, which differs by a few where a library of C rounds otherwise"""
 TICKS = 200
 """Number of ticks of the test: a second at 200 Hz, with five landings"""
-TOLERANCE = 1e-9
+PROMISED_DIFFERENCE = 1e-9
 """Promised difference between processors, as a fraction of a field's largest number; 5e-12 was seen"""
 
 
@@ -255,7 +255,7 @@ def test(model: KneeModel, name: str) -> str:
         "test.c",
         name=name,
         count=TICKS,
-        tolerance=TOLERANCE,
+        tolerance=PROMISED_DIFFERENCE,
         offsets="\n".join(offsets),
         samples=",\n".join(_braces(map(number, sample)) for sample in samples.tolist()),
         expected=",\n".join(expected),

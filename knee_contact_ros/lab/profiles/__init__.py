@@ -18,7 +18,7 @@ from knee_contact_ros.lab.profiles.chart import circle
 from knee_contact_ros.lab.profiles.fit import (
     GAIT_NORMALS,
     SLAB,
-    TOLERANCE,
+    SMOOTHING_TOLERANCE,
     ProfileFit,
     concave,
     fit,
@@ -70,7 +70,7 @@ class ProfileOptions(NamedTuple):
     """Label of the cartilage in a label map"""
     bone_label: int | None = None
     """Label of the bone in a label map"""
-    tolerance: float = TOLERANCE
+    tolerance: float = SMOOTHING_TOLERANCE
     """RMS distance from the slice that smoothing may add [m]"""
     slab: float = SLAB
     """Half thickness of the slab [m]"""

@@ -20,7 +20,7 @@ from knee_contact_ros.lab.profiles.surfaces import Surface
 from knee_contact_ros.model.types import MM, Floats
 from knee_contact_ros.system.errors import UsageError
 
-TOLERANCE = 0.05e-3
+SMOOTHING_TOLERANCE = 0.05e-3
 """Default of the RMS distance from the slice that smoothing may add [m]"""
 SLAB = 2e-3
 """Default of the slab's half thickness [m]"""
@@ -130,7 +130,7 @@ def fit(
     *,
     femur: bool = True,
     bone: Surface | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = SMOOTHING_TOLERANCE,
     slab: float = SLAB,
 ) -> ProfileFit:
     """Fit a femur's or a tibia's profile to the slice of a surface at `z` [m]; see `smooth` for `tolerance` [m].

@@ -14,7 +14,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles import picture
-from knee_contact_ros.lab.profiles.fit import TOLERANCE, ProfileFit, concave, fit
+from knee_contact_ros.lab.profiles.fit import SMOOTHING_TOLERANCE, ProfileFit, concave, fit
 from knee_contact_ros.lab.profiles.slices import contact_centre
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.mechanisms import hinge
@@ -83,7 +83,7 @@ def test_a_circle_comes_out_as_that_circle() -> None:
 def test_two_radii_are_distinguished_within_the_tolerance() -> None:
     """Smoothing blurs where they meet; more so with a larger tolerance."""
     errors = []
-    for tolerance in (0.01 * MM, TOLERANCE):
+    for tolerance in (0.01 * MM, SMOOTHING_TOLERANCE):
         found = fit(femur(TWO_RADII), MIDDLE, tolerance=tolerance)
         allowed = np.hypot(found.smoothed.roughness, tolerance)
         assert found.smoothed.deviation <= allowed * 1.001
@@ -119,10 +119,10 @@ def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave() -> None:
     found = fit(femur(TWO_RADII), MIDDLE, bone=femur(TWO_RADII, inwards=2.5 * MM))
     assert found.thickness is not None
     # The profile may lie off by the tolerance; the middle of the slab lies in the slice itself.
-    assert found.thickness.mean == pytest.approx(2.5 * MM, abs=TOLERANCE + FACET)
+    assert found.thickness.mean == pytest.approx(2.5 * MM, abs=SMOOTHING_TOLERANCE + FACET)
     found = fit(tibia(), MIDDLE, femur=False, bone=tibia(inwards=1.7 * MM))
     assert found.thickness is not None
-    assert found.thickness.mean == pytest.approx(1.7 * MM, abs=TOLERANCE)
+    assert found.thickness.mean == pytest.approx(1.7 * MM, abs=SMOOTHING_TOLERANCE)
     # The widest window is 22 mm: 0.6 mm high, on which facets of `FACET` tell by 0.5 %, and smoothing likewise.
     assert radii(found) == pytest.approx([0.095] * 4, rel=0.03)
     ((low, high),) = concave(found.shape)
@@ -338,7 +338,7 @@ def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
         assert words in told
     depth = re.search(r"thickness: (\S+)", told)
     assert depth
-    assert float(depth[1]) == pytest.approx(2.5 * MM, abs=TOLERANCE)
+    assert float(depth[1]) == pytest.approx(2.5 * MM, abs=SMOOTHING_TOLERANCE)
     assert sorted(path.name for path in output.parent.iterdir()) == [
         "profile.csv",
         "profile.png",

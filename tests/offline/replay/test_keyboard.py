@@ -13,7 +13,9 @@ from tests.helpers.terminals import Terminal
 
 PROGRAM = """
 import os
-from knee_contact_ros.commands.player import Command, Keyboard, unwinding_on_signals
+from knee_contact_ros.commands.player import Command, commands_of
+from knee_contact_ros.system.keyboard import Keyboard
+from knee_contact_ros.system.processes import unwinding_on_signals
 
 def stood_still(seconds):  # in a signal handler, which may interrupt a print
     os.write(1, f"<stood still for {seconds}>\\n".encode())
@@ -26,7 +28,7 @@ with unwinding_on_signals(), Keyboard(stood_still) as keyboard:
             break
         keyboard.wait_for_keys(0.05)
     while True:
-        for command in keyboard.wait_for_keys(0.05):
+        for command in commands_of(keyboard.wait_for_keys(0.05)):
             print(f"<{command.name}>", flush=True)
             if command is Command.SLOWER:
                 raise RuntimeError("as a bug does")
@@ -77,7 +79,7 @@ def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
 
 def test_without_a_terminal_there_are_no_keys() -> None:
     program = (
-        "from knee_contact_ros.commands.player import Keyboard, has_terminal\n"
+        "from knee_contact_ros.system.keyboard import Keyboard, has_terminal\n"
         "with Keyboard(print) as keyboard: print(has_terminal(), keyboard.wait_for_keys(0.01))"
     )
     done = subprocess.run(
