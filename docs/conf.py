@@ -89,6 +89,8 @@ CONTENTS = {
         "docs/studies/README",
         "bags/README",
         "examples/README",
+        "examples/microcontroller/README",
+        "examples/ros2_control/README",
         "CHANGELOG",
     ],
 }

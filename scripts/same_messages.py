@@ -26,6 +26,7 @@ from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.answers import answer_topics, read_answers
 from knee_contact_ros.bags.bag import Bag, RawMessage
+from knee_contact_ros.model.types import UNUSABLE
 from knee_contact_ros.streams.messages import (
     JointState,
     WrenchStamped,
@@ -126,7 +127,10 @@ def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
 
 
 def largest_differences(ours: Path, theirs: Path) -> tuple[float, float]:
-    """Return the largest differences of depths [m] and of contact forces [N]; infinity where more differs."""
+    """Return the largest differences of depths [m] and of contact forces [N]; infinity where more differs.
+
+    Answers that are flagged as unusable do not count: where the solver gives up, rounding decides what is left.
+    """
     worst = [0.0, 0.0]
     with Bag(ours) as one, Bag(theirs) as other:
         if one.message_counts != other.message_counts:
@@ -140,6 +144,7 @@ def largest_differences(ours: Path, theirs: Path) -> tuple[float, float]:
                 same = (rows[name] == others[name]) | (
                     np.isnan(rows[name]) & np.isnan(others[name])
                 )
+                same |= (rows["status"] & UNUSABLE) > 0
                 apart = np.where(same, 0.0, np.nan_to_num(apart, nan=math.inf))
                 worst[number] = max(worst[number], float(np.max(apart, initial=0.0)))
     return worst[0], worst[1]

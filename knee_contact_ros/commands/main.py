@@ -39,6 +39,7 @@ GROUPS = {
     ),
     "Take it elsewhere": (lab.export,),
     "Study": (lab.sweep, lab.sensitivity, lab.trade),
+    "Report a fault": (offline.about,),
 }
 """Commands by what they are for, as the help shows them"""
 

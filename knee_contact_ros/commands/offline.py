@@ -300,3 +300,11 @@ def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
         print_json(answers=numbers, files={"Table": output})
     else:
         say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
+
+
+@click.command()
+def about() -> None:
+    """Tell the system, the versions and what is compiled, for a report of a fault."""
+    from knee_contact_ros.commands.about import print_about
+
+    print_about()

@@ -25,6 +25,20 @@ from knee_contact_ros.system.errors import UsageError, list_names, suggest
 from knee_contact_ros.system.files import open_regular, require
 
 PARQUET_SUFFIXES = {".parquet", ".pq"}
+_WRITE = "pandas.DataFrame({'time': ..., 'knee': ...}).to_csv('trial.csv', index=False)"
+_CONVERSIONS = {
+    **dict.fromkeys(
+        (".xlsx", ".xls", ".ods"), "pandas.read_excel(FILE).to_csv('trial.csv', index=False)"
+    ),
+    ".mat": f"content = scipy.io.loadmat(FILE); {_WRITE}",
+    ".npz": f"content = numpy.load(FILE); {_WRITE}",
+    ".npy": f"content = numpy.load(FILE); {_WRITE}",
+    ".json": f"content = json.load(open(FILE)); {_WRITE}",
+    **dict.fromkeys((".h5", ".hdf5"), f"content = h5py.File(FILE); {_WRITE}"),
+    ".b3d": f"content = nimblephysics.biomechanics.SubjectOnDisk(FILE); {_WRITE}",
+    ".mvnx": f"content = xml.etree.ElementTree.parse(FILE) (jointAngle of each frame); {_WRITE}",
+}
+"""Lines of Python that make a table of other files, by their suffixes"""
 END_OF_HEADER = "endheader"
 """Last line of a storage file's header"""
 COMMENT = "#"
@@ -136,6 +150,10 @@ def header_of(path: Path, wanted: Collection[ColumnName], table_format: TableFor
         return c3d_header(path)
     if suffix in PARQUET_SUFFIXES:
         return _parquet_header(path)
+    if suffix in _CONVERSIONS:
+        raise UsageError(
+            f"{path} is no table that is read here; make it one, as in Python: {_CONVERSIONS[suffix]}"
+        )
     return _text_header(path, wanted, table_format)
 
 

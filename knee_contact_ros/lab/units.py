@@ -9,6 +9,7 @@ from typing import Literal
 
 from scipy import constants
 
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.lab.cells import NOT_A_NUMBER
 from knee_contact_ros.system.errors import UsageError
 
@@ -32,6 +33,7 @@ UNIT_FACTORS: dict[Dimension, dict[str, float]] = {
         "kgf": constants.kgf,
         BODY_WEIGHTS: 1.0,
         PERCENT_BODY_WEIGHT: 0.01,
+        "N/kg": 1.0 / GRAVITY,
     },
     "moment": {
         "N*m": 1.0,
@@ -39,10 +41,12 @@ UNIT_FACTORS: dict[Dimension, dict[str, float]] = {
         "kN*m": 1e3,
         "lbf*in": constants.lbf * constants.inch,
         "lbf*ft": constants.lbf * constants.foot,
+        "N*m/kg": 1.0 / GRAVITY,
+        "N*mm/kg": 1e-3 / GRAVITY,
     },
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
 }
-"""Factors of units to s, rad, N (or body weights), N m and m, by dimension"""
+"""Factors of units to s, rad, N, N m and m, by dimension; of those relative to the body to body weights"""
 _ALIASES = {
     **dict.fromkeys(("sec", "second", "seconds"), "s"),
     **dict.fromkeys(("µs", "μs"), "us"),
@@ -63,6 +67,8 @@ _UNIT_NAMES = {
     if unit != "mN"  # in lower case, MN would be the same
 } | _ALIASES
 """Names of units by what is left of them without signs and in lower case"""
+_NO_UNIT = re.compile(r"\d+|[RL]|right|left", re.IGNORECASE)
+"""What stands in brackets behind a name and is no unit: an index, a side"""
 _OTHER_UNITS = {"g", "V", "mV", "W", "Hz"}
 """Units of other quantities, which only a factor can turn into one of ours"""
 _IF_FILE_IS_WRONG = (
@@ -96,7 +102,7 @@ def unit_factor(
         raise UsageError(
             f"{what}: unit {unit!r} is not one of a {dimension}; allowed: {', '.join(factors)}"
         )
-    if name not in {BODY_WEIGHTS, PERCENT_BODY_WEIGHT}:
+    if name not in {BODY_WEIGHTS, PERCENT_BODY_WEIGHT} and not name.endswith("/kg"):
         return factors[name]
     if body_weight is None:
         raise UsageError(f"{what}: unit {name} needs body_weight [N] in the map")
@@ -133,7 +139,12 @@ def check_unit(
     name = unit_name(stated.lstrip("_"))
     dimension = next(kind for kind, units in UNIT_FACTORS.items() if unit_name(unit) in units)
     known = name in UNIT_FACTORS[dimension]
-    if not stated or NOT_A_NUMBER.fullmatch(stated) or name == unit_name(unit):
+    if (
+        not stated
+        or _NO_UNIT.fullmatch(stated)
+        or NOT_A_NUMBER.fullmatch(stated)
+        or name == unit_name(unit)
+    ):
         return ()
     # The end of a column's name may be another word: _n the normal load, _m the medial one.
     if stated == "_n" or (stated[0] == "_" and not known):

@@ -191,9 +191,8 @@ def library_file() -> Path:
         BuildError: it cannot be built.
         OSError: it cannot be written anywhere.
     """
-    for file in _files():
-        if file.is_file():
-            return file
+    if found := found_library():
+        return found
     for file in _files():
         try:
             build_in(file.parent)
@@ -244,9 +243,12 @@ def _file_name() -> str:
     return f"knee_contact-{digest_of_sources()}{host().suffix}"
 
 
-def is_built() -> bool:
-    """Whether there is a library for this machine."""
-    return any(file.is_file() for file in _files())
+def found_library() -> Path | None:
+    """Return the file of the library for this machine; None if there is none, or the machine is not known."""
+    try:
+        return next(filter(Path.is_file, _files()), None)
+    except BuildError:
+        return None
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.model.kernel import is_built
+from knee_contact_ros.model.kernel import found_library
 from knee_contact_ros.model.types import FLAT, ROW, answer_struct
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import Entry, Health
@@ -247,7 +247,7 @@ class ContactSession(Session):
         process is known; otherwise it would go on.
         """
         super().prepare(interrupting)
-        if find_spec("numba") and not is_built():
+        if find_spec("numba") and not found_library():
             self.node.get_logger().info("building the model, once, which takes about 8 s")
             process = start_process(
                 output=None,

@@ -34,6 +34,7 @@ SLICE = 100_000_000
 def write_output(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
     """Open an output and write what is sent until the end, flushed in time; return False if it has failed."""
     output, written = None, 0
+    safe = 0  # answers that a flush has handed to the operating system
 
     def report(state: str, reason: str = "", news: tuple[str, ...] = ()) -> None:
         with suppress(OSError):  # nobody may be there any more
@@ -59,6 +60,7 @@ def write_output(connection: Connection, module: str, arguments: tuple[Any, ...]
             now = time.monotonic()
             if now >= flush_at and (unflushed or now >= report_at):
                 output.flush()
+                safe = written
                 flush_at, unflushed = now + output.period, False
             if now >= report_at:
                 report(OPEN, news=output.news())
@@ -68,6 +70,7 @@ def write_output(connection: Connection, module: str, arguments: tuple[Any, ...]
     except UsageError as error:
         report(REFUSED, str(error))
     except Exception as error:  # whatever it is, the node must know
+        written = safe
         report(
             FAILED,
             (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}",

@@ -82,6 +82,7 @@ class SinkProcess:
         self._refused = self._lost = (
             0  # answers that found no room, and that waited when the output stopped
         )
+        self._sent = 0  # answers that were handed to the process
         self._closed = False  # the last item is in the queue
         self._last = Report("", 0)
         self._wake, self._known = threading.Event(), threading.Event()
@@ -209,11 +210,13 @@ class SinkProcess:
             FAILED if reason else ENDED,
         )
         self._lost, self._sent_size = self._unsent(), self._put_size
+        if self._last.state == FAILED:
+            self._lost += self._sent - self._last.written
         self._waiting.clear()
         if reason:
             told = reason if self._last.state == REFUSED else f"{self.label} {what}: {reason}"
             self._fail(
-                told + (f"; {self._lost} answers were not handed to it" if self._lost else "")
+                told + (f"; {self._lost} answers are not in it" if self._lost else "")
             )
         self._known.set()
 
@@ -247,6 +250,7 @@ class SinkProcess:
             while waiting and len(items) < BATCH and isinstance(waiting[0], TickOutput):
                 items.append(waiting.popleft())
             sent = [getattr(item, self._sink.part) for item in items]
+            self._sent += len(items)
         self._sent_size += sum(map(size_of, items))
         connection.send_bytes(
             pickle.dumps(sent, pickle.HIGHEST_PROTOCOL)

@@ -20,7 +20,7 @@ CHANGELOG = (ROOT / "CHANGELOG.rst").read_text(encoding="utf-8")
 OLD_OPTIONS = Path(__file__).with_name("options_of_1.0.0.txt")
 """Options from before this rule that the changelog does not name: a line for each command"""
 COMMANDS = ROOT / "knee_contact_ros" / "commands"
-WITH_WORK = {"demo", "player", "replay", "tables", "view", "watch"}
+WITH_WORK = {"about", "demo", "player", "replay", "tables", "view", "watch"}
 """Modules of `commands/` that do more than declare commands: they drive ROS and viewers, and print"""
 DECLARING = ("live", "offline", "lab")
 """Modules of `commands/` that declare commands"""

@@ -31,7 +31,7 @@ COMMANDS = {
 """Arguments with which a command reads a bag"""
 READ_NO_BAG = {
     *("node", "load", "watch", "import-opensim", "import-csv", "align", "fit-profile"),
-    *("sweep", "sensitivity", "export"),
+    *("sweep", "sensitivity", "export", "about"),
 }
 OTHERWISE = [
     ("a chunk that hides ten gigabytes", "recover"),

@@ -194,3 +194,24 @@ def test_a_hip_against_the_pelvis_is_doubted_and_the_pelvis_taken_off(
     assert "to the pelvis" in capsys.readouterr().err
     assert importing(table, text + "pelvis: {column: tilt, unit: rad}\n") == 0
     assert "hip - tilt of cells.csv" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", ["mat", "xlsx", "b3d", "mvnx", "json", "h5", "npz"])
+def test_other_formats_are_refused_with_the_line_that_converts_them(
+    importing: Importing, capsys: Capture, suffix: str
+) -> None:
+    Path(f"trial.{suffix}").write_bytes(bytes(100))
+    assert importing(None, MAP, files=[f"trial.{suffix}"]) == 2
+    assert "make it one, as in Python: " in capsys.readouterr().err
+
+
+def test_forces_per_mass_and_brackets_without_a_unit(importing: Importing) -> None:
+    time = np.arange(0.0, 3.0, 0.02)
+    mass = WEIGHT / 9.80665
+    table = {"time": time, "Knee.Pos[0]": flexion(time), "Fz (R)": load(time) / mass}
+    text = (
+        "angle: {column: 'Knee.Pos[0]', unit: deg}\nload: {column: 'Fz (R)', unit: N/kg}\n"
+        f"body_weight: {WEIGHT}\n"
+    )
+    assert importing(table, text) == 0
+    np.testing.assert_allclose(loads_of(content()[1]), load(time), atol=1e-3)

@@ -27,7 +27,7 @@ from knee_contact_ros.model.compiler import (
     host,
     object_code,
 )
-from knee_contact_ros.model.kernel import is_built, library_file
+from knee_contact_ros.model.kernel import found_library, library_file
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from studies.honesty import ours
 from studies.honesty.scenes import draw
@@ -164,7 +164,7 @@ def used_here() -> str:
 
 @pytest.mark.skipif(not shutil.which("nm"), reason="needs binutils (Debian: apt install binutils)")
 def test_the_library_needs_libm_alone_and_holds_no_data() -> None:
-    assert is_built()
+    assert found_library()
     listed = subprocess.run(
         ["nm", "-D", library_file()],  # noqa: S607
         capture_output=True,

@@ -242,3 +242,19 @@ def test_a_sink_process_is_lean_and_ends_on_request_only(
         psutil.Process().nice() + VIEWER_NICENESS, 19
     )  # 19 is the most
     close(viewer)
+
+
+def test_answers_that_a_full_disk_keeps_out_of_the_file_are_counted(
+    started: Started, tmp_path: Path
+) -> None:
+    """They were handed to the process, which could not write them."""
+    sink = started.begun(recording(tmp_path / "knee.mcap"), True)
+    put(sink, range(BATCH))
+    wait_until(lambda: sink.report_state()[0]["written"] == str(BATCH))
+    kept = (tmp_path / "knee.mcap.partial").stat().st_size
+    psutil.Process(pid(sink)).rlimit(psutil.RLIMIT_FSIZE, (kept, kept))
+    put(sink, range(BATCH, 3 * BATCH))
+    wait_until(sink.is_over)
+    assert sink.dropped == 2 * BATCH
+    assert "128 answers are not in it" in sink.failure
+    assert recorded_ticks(tmp_path / "knee.mcap.partial") == list(range(BATCH))

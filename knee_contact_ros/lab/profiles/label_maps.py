@@ -8,7 +8,6 @@ LPS, and a row of its TransformMatrix is the direction of an axis of the voxels.
 from __future__ import annotations
 
 import bz2
-import gzip
 import math
 import re
 import zlib
@@ -27,15 +26,29 @@ _LARGEST_HEADER = 2**16
 """Largest size of a text header [B]"""
 _NUMPY_TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
 """NumPy types by the type names in headers, without `signed` and blanks; other names are the same in NumPy"""
-_DECODERS: dict[str, Callable[[bytes], bytes]] = {
-    "raw": bytes,
-    "gzip": gzip.decompress,
-    "gz": gzip.decompress,
-    "bzip2": bz2.decompress,
-    "bz2": bz2.decompress,
-    "zlib": zlib.decompress,
+
+
+def _unzip(data: bytes, limit: int) -> bytes:
+    """Unpack gzip or zlib, at most `limit` bytes."""
+    return zlib.decompressobj(wbits=32 + zlib.MAX_WBITS).decompress(data, limit)
+
+
+def _unpack_bzip2(data: bytes, limit: int) -> bytes:
+    """Unpack bzip2, at most `limit` bytes."""
+    return bz2.BZ2Decompressor().decompress(data, limit)
+
+
+_DECODERS: dict[str, Callable[[bytes, int], bytes]] = {
+    "raw": lambda data, _: data,
+    "gzip": _unzip,
+    "gz": _unzip,
+    "bzip2": _unpack_bzip2,
+    "bz2": _unpack_bzip2,
+    "zlib": _unzip,
 }
-"""Functions that unpack the voxels, by the encodings in headers"""
+"""Functions that unpack the voxels up to a number of bytes, by the encodings in headers"""
+_MOST_VOXELS = 2**26
+"""Largest number of voxels: a map of a knee has 512 x 512 x 200 at most"""
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 """Factors of units of length to mm"""
@@ -78,6 +91,7 @@ def _read_nifti(path: Path) -> LabelMap:
     import nibabel
 
     image: Any = nibabel.load(path)
+    _check_size(image.shape)
     values = np.asarray(image.dataobj)
     affine = np.array(image.affine, np.float64)
     if image.header["sform_code"] or image.header["qform_code"]:
@@ -98,7 +112,7 @@ def _read_nrrd(path: Path) -> LabelMap:
     if fields.get("dimension") != "3" or skips != {"0"}:
         raise ValueError("a map has dimension 3, without byte skip and line skip")
     if name := fields.get("data file") or fields.get("datafile"):
-        data = _data_file(path.parent / name, fields["sizes"])
+        data = _data_file(path, name, fields["sizes"])
     is_big = fields.get("endian") == "big"
     values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], is_big)
     space = fields.get("space", "")
@@ -121,7 +135,7 @@ def _read_meta_image(path: Path) -> LabelMap:
     fields = _fields(head, "=")
     name = line.decode().strip(" =\r")
     if name.upper() != "LOCAL":
-        data = _data_file(path.parent / name, fields["dimsize"])
+        data = _data_file(path, name, fields["dimsize"])
 
     def first(names: str, default: str = "") -> str:
         """Return the first entry that is there."""
@@ -140,8 +154,21 @@ def _read_meta_image(path: Path) -> LabelMap:
     return LabelMap(values, _affine(directions, origin, np.array([-1.0, -1.0, 1.0])))
 
 
-def _data_file(path: Path, sizes: str) -> bytes:
-    """Read the file that a header names, as far as the voxels of the given sizes may reach."""
+def _check_size(shape: tuple[int, ...]) -> None:
+    """Refuse more voxels than any map of a knee has, before they are read."""
+    if math.prod(shape) > _MOST_VOXELS:
+        raise ValueError(f"it has {' x '.join(map(str, shape))} voxels; crop it to the knee")
+
+
+def _data_file(header: Path, name: str, sizes: str) -> bytes:
+    """Read the file beside a header that this names, as far as the voxels of the given sizes may reach.
+
+    A header of strangers names no file elsewhere: what is in it would be told as labels.
+    """
+    _check_size(_shape(sizes))
+    path = header.parent / name
+    if path.resolve().parent != header.parent.resolve():
+        raise ValueError(f"it names {name}, and may name only a file beside it")
     with open_regular(path) as file:
         # A voxel has at most 32 B as text, and fewer in other encodings.
         return file.read(32 * math.prod(_shape(sizes)))
@@ -179,13 +206,14 @@ def _voxels(data: bytes, kind: str, sizes: str, encoding: str, is_big: bool) -> 
     name = _NUMPY_TYPES.get(kind, kind.replace(" ", ""))
     dtype = np.dtype(name).newbyteorder(">" if is_big else "<")
     shape = _shape(sizes)
+    _check_size(shape)
     count = math.prod(shape)
     if encoding in {"text", "txt", "ascii"}:
         try:
             return np.array(data.split(), dtype).reshape(shape, order="F")
         except ValueError:  # its words may come from any file that a header names
             raise ValueError(f"its data are not the {count} numbers of a text") from None
-    data = _DECODERS[encoding](data)
+    data = _DECODERS[encoding](data, count * dtype.itemsize)
     if len(data) < count * dtype.itemsize:
         raise ValueError(f"it has {len(data)} of {count * dtype.itemsize} B")
     return np.frombuffer(data, dtype, count).reshape(shape, order="F")

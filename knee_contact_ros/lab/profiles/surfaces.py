@@ -11,20 +11,30 @@ import math
 import re
 import warnings
 from pathlib import Path
+from subprocess import TimeoutExpired
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from knee_contact_ros.lab.checks import refuse_outside
+from knee_contact_ros.lab.profiles import vtk_file
 from knee_contact_ros.lab.profiles.label_maps import LABEL_MAPS, read_label_map
 from knee_contact_ros.lab.units import UNIT_FACTORS
 from knee_contact_ros.model.types import MM, Floats, Integers
 from knee_contact_ros.system.errors import UsageError, list_names
+from knee_contact_ros.system.processes import python_module, running
 
 _MESH_UNITS = ("m", "mm", "cm")
 _PLAUSIBLE_SIZES = (0.008, 0.7)
 """Generous range of the longest edge of the box around a cartilage or bone of the knee [m]"""
 _CLOUD_SUFFIXES = (".txt", ".xyz", ".csv", ".asc", ".dat")
+_LARGEST_FILE = 128_000_000
+"""Largest size of a mesh's file [B]: 2.5 million triangles"""
+_LARGEST_MAP = 600_000_000
+"""Largest size of a label map's file [B]"""
+_VTK_PATIENCE = 60.0
+"""Longest time [s] that VTK may take for a file"""
 _BODY_AXES = "x,y,z"
 """Axes of a mesh in a body's frame"""
 _LEFT_BODY_AXES = "x,y,-z"
@@ -92,6 +102,12 @@ def read_surface(
     kind = path.suffix.lower()
     if kind == ".gz":
         kind = "".join(path.suffixes[-2:]).lower()
+    most = _LARGEST_MAP if kind in LABEL_MAPS else _LARGEST_FILE
+    if path.stat().st_size > most:
+        raise UsageError(
+            f"{path} has {path.stat().st_size / 1e6:.0f} MB, and at most {most / 1e6:.0f} MB are read: crop it to the "
+            "knee, or reduce its triangles"
+        )
     if label is not None and kind not in LABEL_MAPS:
         raise UsageError(
             f"--label {label}: {path} is not a label map; label maps end with {' or '.join(LABEL_MAPS)}"
@@ -223,23 +239,23 @@ def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
 
 
 def _by_vtk(path: Path) -> tuple[Any, Any, str]:
-    """Read VTP and VTK with VTK, the only library that reads them."""
-    import pyvista
-    from vtkmodules.vtkCommonCore import vtkObject
-
-    vtkObject.GlobalWarningDisplayOff()  # likewise, and those that go through Python's logging
-    with pyvista.vtk_verbosity("off"):
-        read: Any = pyvista.read(path)
-    if not isinstance(read, pyvista.PolyData):
-        read = read.extract_surface()
-    space = ""
-    if "SPACE" in read.field_data:
-        stated = _SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}")
-        space = stated[1] if stated else ""
-    mesh = read.triangulate().clean()
-    if not (mesh.n_cells and mesh.faces.size):
-        return read.points, (), space
-    return mesh.points, mesh.regular_faces, space
+    """Read VTP and VTK with VTK, in a process of its own, which a damaged file may end by a signal."""
+    with TemporaryDirectory() as folder, Path(folder, "log").open("w+b") as log:
+        output = Path(folder, "mesh.npz")
+        own = python_module(vtk_file.__name__, str(path.absolute()), str(output))
+        with running(output=log, patience=1.0, **own) as process:
+            try:
+                code = process.wait(_VTK_PATIENCE)
+            except TimeoutExpired:
+                raise ValueError(f"VTK does not read it within {_VTK_PATIENCE:g} s") from None
+        if code < 0:
+            raise ValueError(f"VTK ended by signal {-code}; is it damaged?")
+        if code:
+            log.seek(0)
+            raise ValueError(log.read().decode(errors="replace").strip().rpartition("\n")[2])
+        with np.load(output) as found:
+            stated = _SPACE.match(f"SPACE={found['space']}")
+            return found["points"], found["triangles"], stated[1] if stated else ""
 
 
 _MESH_READERS = {
@@ -285,9 +301,15 @@ def _around_label(path: Path, label: int | None, axes: str | None) -> tuple[Floa
         given = "" if label is None else f"--label {label}: "
         there = list_names([f"{value:g}" for value in labels]) or "(none but 0)"
         raise UsageError(f"{given}{path} needs --label N: it has the labels {there}")
+    inside = values == wanted
+    edges = [
+        np.flatnonzero(inside.any(axis=others))[[0, -1]] for others in ((1, 2), (0, 2), (0, 1))
+    ]
+    inside = inside[tuple(slice(first, last + 1) for first, last in edges)]
     # Padding closes a label that reaches the edge of the image.
-    padded = np.pad(values == wanted, 1).astype(np.float32)
-    grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
+    padded = np.pad(inside, 1).astype(np.float32)
+    origin = [float(first) - 1.0 for first, _ in edges]
+    grid = pyvista.ImageData(dimensions=padded.shape, origin=origin)
     grid.point_data["inside"] = padded.ravel(order="F")
     mesh = grid.contour([0.5], scalars="inside").triangulate()
     if lacks and axes is None:

@@ -207,7 +207,12 @@ CASES = {
         "",
         "cannot be read: [Errno 22] it is no regular file: 'pipe'",
     ),
-    "a device's voxels": ("a.mhd", beside("/dev/zero"), "", "it is no regular file: '/dev/zero'"),
+    "a device's voxels": (
+        "a.mhd",
+        beside("/dev/zero"),
+        "",
+        "it names /dev/zero, and may name only a file beside it",
+    ),
     "words for voxels": (
         "a.nhdr",
         beside("words", "ascii"),
