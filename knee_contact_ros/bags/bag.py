@@ -175,6 +175,15 @@ class Bag:
         """Absolute names of all topics."""
         return {absolute(channel.topic) for channel in self.message_counts}
 
+    def check_content(self) -> None:
+        """Refuse a bag without messages.
+
+        Raises:
+            UsageError: it has topics, and no message on any of them.
+        """
+        if self.message_counts and not any(self.message_counts.values()):
+            raise UsageError(f"bag {self.path} is empty: nothing came while it was written")
+
     @property
     def is_recording(self) -> bool:
         """Whether it is a recording of a node of this package, or of `solve` or `estimate-load`."""
@@ -262,6 +271,7 @@ class Bag:
         if types != [type_name]:
             raise UsageError(f"{where} is a {types[0]}; it must be a {type_name}")
         if not filled:
+            self.check_content()
             raise UsageError(f"{where} has no messages")
         for channel in filled:
             if channel.encoding != "cdr":

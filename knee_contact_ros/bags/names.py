@@ -23,6 +23,20 @@ def absolute(name: str, namespace: str = "") -> str:
     return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
 
 
+def only_namespace(topics: Iterable[str], inputs: Sequence[str] = INPUTS) -> str:
+    """Return the only namespace in which a bag with these topics has the inputs; empty if there is none, or no need."""
+    found = [
+        {topic.removesuffix(f"/{name}") for topic in topics if topic.endswith(f"/{name}")}
+        for name in inputs
+    ]
+    spaces = set.intersection(*found)
+    return (
+        spaces.pop().strip("/")
+        if len(spaces) == 1 and not any("" in each for each in found)
+        else ""
+    )
+
+
 def names_in_bag(
     remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS
 ) -> Names:

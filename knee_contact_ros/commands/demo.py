@@ -54,6 +54,7 @@ from knee_contact_ros.streams.topics import (
     LOAD_INPUTS,
     MEDIAL,
     MESSAGE_TYPES,
+    NANOSECONDS,
     stamp_to_ns,
     types_of,
 )
@@ -63,7 +64,7 @@ from knee_contact_ros.system.output_files import partial_name, replace, work_fol
 from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, private_graph
-from knee_contact_ros.system.terminal import as_json, warn
+from knee_contact_ros.system.terminal import as_json, say, warn
 from knee_contact_ros.view.output import (
     NOT_INSTALLED,
     find_viewer,
@@ -304,6 +305,12 @@ def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
     return names | {"Rerun file": scene, "To see it": f"{command} view {scene}"}
 
 
+def tell_in_a_pipe(what: str) -> None:
+    """Say what happens where no progress bar shows it."""
+    if not sys.stderr.isatty():
+        say(f"knee-contact demo: {what}", err=True)
+
+
 def play(
     messages: Sequence[RawMessage],
     rate: float,
@@ -336,6 +343,7 @@ def play(
     try:
         listener.listen(node)
         replayer = Replayer(node, inputs=listener.inputs)
+        tell_in_a_pipe("starting the node, which takes 5 to 30 s")
         with progress("Starting the node (a new kind of knee is compiled)"):
             deadline = time.monotonic() + _START_TIMEOUT
             while not (
@@ -348,6 +356,8 @@ def play(
                 check()
                 if time.monotonic() > deadline:
                     raise UsageError(f"the node did not appear within {_START_TIMEOUT:g} s")
+        seconds = (messages[-1].log_time - messages[0].log_time) / NANOSECONDS / rate
+        tell_in_a_pipe(f"walking for {seconds:.1f} s")
         with progress("Walking") as advance:
             for number, (message, _) in enumerate(Player(spin, rate=rate).play(messages), start=1):
                 listener.publish(message, replayer)

@@ -421,6 +421,7 @@ def trade(
     check_writable(picture)
     check_not_input(picture, files_of(bag))
     with Bag(bag) as opened:
+        in_bag = in_bag.found_in(opened)
         files = given.parameter_files or None
         basis = basis_of(opened, files, given.values(), None, in_bag.namespace)
         results, summary = answers_of(opened, basis, in_bag.names())

@@ -100,6 +100,8 @@ def check_ros(*, messages: bool = True) -> None:
     if words := missing_middleware():
         raise UsageError(words)
     check_environment()
+    # As under a service manager. ROS keeps its log there, and ends the process without it.
+    os.environ.setdefault("HOME", str(Path("~").expanduser()))
     try:
         import rclpy  # noqa: F401
     except ImportError as error:

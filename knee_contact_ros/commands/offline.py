@@ -27,7 +27,7 @@ from knee_contact_ros.commands.options import (
 )
 from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
 from knee_contact_ros.system.files import check_distinct, require
-from knee_contact_ros.system.output_files import check_not_input, write_complete
+from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
 from knee_contact_ros.system.portable import link_or_copy
 from knee_contact_ros.system.progress import progress
 from knee_contact_ros.system.terminal import as_json, print_json, say, warn
@@ -120,6 +120,7 @@ def solve(
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
     with merged_bags(bags) as path, Bag(path) as bag:
+        in_bag = in_bag.found_in(bag)
         basis = basis_of(
             bag, given.parameter_files or None, given.values(), person, in_bag.namespace
         )
@@ -136,8 +137,7 @@ def solve(
             else files
         )
         rows = {"parameters": ", ".join(map(str, [*sources, *given.parameter_values]))}
-        parameters = resolved_parameters(basis)
-        if parameters.load.rule == "fixed_share":
+        if (parameters := resolved_parameters(basis)).load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
         rows |= weight_row(bag, parameters)
         show_summary(summary, rows, {"Recording": str(output)})
@@ -175,6 +175,7 @@ def estimate_load(
     from knee_contact_ros.streams.topics import LOAD_INPUTS
 
     with Bag(bag) as opened:
+        in_bag = in_bag.found_in(opened, *LOAD_INPUTS)
         parameters, without, doubts = load_parameters_for(
             opened, given.files(None), given.values(), in_bag.namespace
         )
@@ -255,7 +256,13 @@ def view(
 
 @click.command()
 @click.argument("bag", type=FILE)
-@output_option("OUT", "Table to write: .csv or .parquet.", ".csv", ".parquet")
+@output_option(
+    "OUT",
+    "Table to write: .csv or .parquet.",
+    ".csv",
+    ".parquet",
+    replace="Replace OUT if it exists.",
+)
 @click.option(
     "--topic",
     default="",
@@ -263,7 +270,7 @@ def view(
     help="Write the answers on this topic only. [default: all topics]",
 )
 @json_option
-def table(bag: Path, output: Path, topic: str) -> None:
+def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
     """Write the answers of a recording as a table.
 
     The table has one row for each answer, in SI units: time, run, and every number of the message. Each component of a
@@ -277,8 +284,11 @@ def table(bag: Path, output: Path, topic: str) -> None:
     from knee_contact_ros.results import answer_table
 
     check_not_input(output, files_of(bag))
+    if not overwrite:
+        check_name_free(output)
     with Bag(bag) as recording:
         topics = [absolute(topic)] if topic else answer_topics(recording)
+        recording.check_content()
         if not topics:
             raise UsageError(f"{bag} has no answers: knee-contact solve computes them")
         if output.suffix == ".parquet":

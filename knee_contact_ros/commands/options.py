@@ -17,6 +17,7 @@ from knee_contact_ros.system.output_files import check_output
 from knee_contact_ros.system.terminal import JSON
 
 if TYPE_CHECKING:
+    from knee_contact_ros.bags.bag import Bag
     from knee_contact_ros.bags.names import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
@@ -179,6 +180,14 @@ class BagNames(NamedTuple):
 
     remaps: tuple[str, ...]
     namespace: str
+
+    def found_in(self, bag: Bag, *inputs: str) -> BagNames:
+        """Return these names, with the only namespace of the `inputs` in a bag where no option says anything."""
+        from knee_contact_ros.bags.names import only_namespace
+
+        if self.remaps or self.namespace:
+            return self
+        return self._replace(namespace=only_namespace(bag.topics, *([inputs] if inputs else [])))
 
     def names(self, *inputs: str) -> Names:
         """Return the names of the `inputs` in the bag, by default those of the contact node.

@@ -220,6 +220,13 @@ class Input:
             self._subscribe(self.topic)
 
     def _subscribe(self, topic: str) -> None:
+        name = self._node.resolve_topic_name(topic)
+        offered = self._node.get_publishers_info_by_topic(name)
+        is_offered = any(
+            each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for each in offered
+        )
+        if is_offered and not self._decided_by_user and topic not in self._best_effort:
+            self._listen_with_best_effort(topic)
         best_effort = topic in self._best_effort
         left = [
             QoSPolicyKind.HISTORY,
@@ -288,16 +295,21 @@ class Input:
                 text = f"a publisher of {name} cannot be heard: its QoS does not fit the override"
                 self._node.get_logger().warning(text)
                 continue
-            self._best_effort.add(topic)
+            self._listen_with_best_effort(topic)
             self._unsubscribe(topic)
             self._subscribe(topic)
-            self._node.get_logger().info(
-                f"a publisher of {name} is best effort; the node listens in the same way"
-            )
         self._incompatible.clear()
         if time.monotonic() >= self._due:
             self._due = time.monotonic() + SEARCH_PERIOD
             self._search_topics()
+
+    def _listen_with_best_effort(self, topic: str) -> None:
+        """Note that a topic is to be listened to like its publisher offers it, and say so."""
+        self._best_effort.add(topic)
+        name = self._node.resolve_topic_name(topic)
+        self._node.get_logger().info(
+            f"a publisher of {name} is best effort; the node listens in the same way"
+        )
 
     def _search_topics(self) -> None:
         """Subscribe to new topics that match, and unsubscribe from those that are gone."""

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
@@ -48,6 +48,17 @@ from knee_contact_ros.system.output_files import check_writable, expand_stamp, f
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
+OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+    QoSPolicyKind.DEADLINE,
+    QoSPolicyKind.LIFESPAN,
+    QoSPolicyKind.LIVELINESS,
+    QoSPolicyKind.LIVELINESS_LEASE_DURATION,
+)
+"""Policies of an output that the user may override: a subscriber that asks for more than is offered gets nothing"""
 DIAGNOSTICS = "/diagnostics"
 DIAGNOSTICS_PERIOD = 1.0
 """Time [s] between two messages of the diagnostics"""
@@ -151,7 +162,7 @@ class Session(ABC):
             UsageError: a topic cannot be advertised, as the middleware does not know one of the QoS overrides.
         """
         self._others = OtherPublishers(self.node, list(topics))
-        by_user = QoSOverridingOptions.with_default_policies()
+        by_user = QoSOverridingOptions(OVERRIDABLE)
         try:
             for topic, (kind, depth) in {
                 **topics,

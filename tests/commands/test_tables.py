@@ -12,6 +12,8 @@ import pytest
 
 from knee_contact_ros import solve
 from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.bag import INPUT_TYPES
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.commands import tables
 from knee_contact_ros.commands.tables import show_recovery
@@ -19,6 +21,7 @@ from knee_contact_ros.lab import trade
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
 from knee_contact_ros.system import terminal
 from knee_contact_ros.system.files import share_folder
+from tests.helpers.bags import raw_messages
 from tests.helpers.commands import run
 from tests.helpers.terminals import Terminal
 from tests.helpers.walking import walk, walking_bag
@@ -141,3 +144,41 @@ def test_a_table_has_every_number_of_every_answer(
             assert np.array_equal(own[name], answers[name]), name
         assert np.allclose(own["time"], answers["stamp"] / 1e9, rtol=1e-15, atol=0.0)  # a rounding
     assert len(table) == 387 * (2 if values else 1)
+
+
+def test_a_table_that_exists_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording, output = tmp_path / "out.mcap", tmp_path / "table.csv"
+    solve(share_folder() / "bags" / "gait2354_right", {}, output=recording)
+    output.write_text("mine")
+    assert run(f"table {recording} --output {output}") == 2
+    assert "exists already; choose another name, or --overwrite" in capsys.readouterr().err
+    assert output.read_text() == "mine"
+    assert run(f"table {recording} --output {output} --overwrite") == 0
+    assert output.read_text().startswith("time,")
+
+
+def test_one_namespace_is_found_and_an_empty_recording_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, bag, empty = (
+        share_folder() / "bags" / "gait2354_left",
+        tmp_path / "left.mcap",
+        tmp_path / "empty.mcap",
+    )
+    with BagWriter(bag) as writer, BagWriter(empty) as nothing:
+        for topic, kind in INPUT_TYPES.items():
+            writer.add_topic(f"/left{topic}", kind)
+            nothing.add_topic(topic, kind)
+        for message in raw_messages(source, INPUT_TYPES):
+            writer.write_message(f"/left{message.topic}", message.log_time, message.data)
+    assert run(f"solve {bag} --output {tmp_path}/one.mcap") == 0
+    assert run(f"solve {source} --output {tmp_path}/two.mcap") == 0
+    one, two = (
+        read_answers(tmp_path / name, "/knee_contact").tobytes()
+        for name in ("one.mcap", "two.mcap")
+    )
+    assert one == two
+    capsys.readouterr()
+    for command in (f"table {empty} --output t.csv", f"solve {empty} --output {tmp_path}/no.mcap"):
+        assert run(command) == 2
+        assert "is empty: nothing came while it was written" in capsys.readouterr().err

@@ -112,7 +112,7 @@ UNUSABLE: dict[str, list[tuple[Make, dict[str, Any], str]]] = {
         (lambda folder: folder, {}, "it has no usable metadata.yaml"),
         (rows((0, 0.1, 1.0), joint="elbow"), {}, "no joint 'knee'; it has elbow"),
         (rows((0, float("nan"), 1.0)), {}, "is nan"),
-        (rows(), {}, "no messages"),
+        (rows(), {}, "is empty: nothing came"),
         (partial(empty, topic="/imu"), {}, r"no topic /joint_states .* its topics: /imu"),
         (partial(empty, topic="/joint_states"), {}, "must be a sensor_msgs/msg/JointState"),
         (
@@ -127,7 +127,7 @@ UNUSABLE: dict[str, list[tuple[Make, dict[str, Any], str]]] = {
     ],
     "estimate_load": [
         (MISSING, {}, "no bag at"),
-        (leg([]), {}, "topic /joint_states has no messages"),
+        (leg([]), {}, "is empty: nothing came while it was written"),
         (leg(only(ANGLES)), {}, "topic /ground_reaction_force has no messages"),
         (
             leg(elbow()),
