@@ -316,7 +316,7 @@ def test_forces_in_other_frames(
         (
             "/nan std_msgs/Float64 data on arrival",
             "",
-            r"60 x not_finite.*; /nan: position of joint .knee. is",
+            r"60 x not_finite.*; /nan: position is nan",
         ),
         (
             "/state exo_msgs.State mode",
