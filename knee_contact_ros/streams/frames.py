@@ -227,8 +227,8 @@ class ForceFrame:
             return ""
         return (
             f"the forces are in frame {_short(self._frame or '')}, which does not turn with the tibia, and are taken "
-            "as if it were the tibia's: publish them in a frame of the shank; frame.tibia or load.rotation turn those of "
-            "a sensor that is fixed to it"
+            "as if it were the tibia's: publish them in a frame of the shank; frame.tibia or load.rotation turn those "
+            "of a sensor that is fixed to it"
         )
 
     def take_turn_note(self) -> dict[str, str]:
