@@ -268,7 +268,8 @@ class Window:
         begin = at - 1 - int(bent[0])
         stance = self._load[begin : begin + LANDING_TIME]
         loaded = np.flatnonzero(stance > UNLOADED * stance.max())
-        if not self._ended and len(stance) < LANDING_TIME or loaded[0] == 0:
+        is_known = self._ended or len(stance) == LANDING_TIME
+        if not is_known or not len(loaded) or loaded[0] == 0:
             return None
         peak = begin + int(loaded[0]) - LANDED - points(AFTER[HEEL_STRIKE] / SECOND)
         return peak if peak > 0 and self._swings(peak, BEFORE_LANDING, stance) else None
