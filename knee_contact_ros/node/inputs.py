@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import partial
 from importlib import import_module
@@ -31,6 +32,8 @@ from knee_contact_ros.node.problems import (
 from knee_contact_ros.parameters.sources import TopicSource
 from knee_contact_ros.streams.conversion import ANY, Convert
 from knee_contact_ros.streams.frames import (
+    MOST_MOVING,
+    TF,
     TF_STATIC,
     ForceFrame,
     decode_transforms,
@@ -405,16 +408,20 @@ Inputs = tuple[Input, Input]
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """QoS of `/tf_static`, the same as in tf2: late subscribers get all earlier messages"""
+ANY_PUBLISHER = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""QoS that every publisher of `/tf` fits"""
 
 
 class StaticTransformTopic:
-    """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame."""
+    """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame; `/tf` is heard for its error only."""
 
     def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
         """Publish the pose of the tibia frame if its name implies it, and hand the transforms of others to `frame`."""
         self._node, self._frame = node, frame
         self._publisher: Any = None
         self._subscription: Any = None
+        self._moving: Any = None  # subscription of `/tf`, until the way to the tibia is known
+        self._moving_left = MOST_MOVING
         if not frame.wanted:
             return
         own = isb_transform(frame.wanted)
@@ -424,11 +431,26 @@ class StaticTransformTopic:
         self._subscription = node.create_subscription(
             TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True
         )
+        self._moving = node.create_subscription(
+            TFMessage, TF, self._on_moving, ANY_PUBLISHER, raw=True
+        )
+
+    def leave_moving(self) -> None:
+        """Leave `/tf` as soon as it can tell nothing more. Do not call it from a callback of a subscription."""
+        if self._moving and (self._frame.is_held or self._moving_left <= 0):
+            self._node.destroy_subscription(self._moving)
+            self._moving = None
+
+    def _on_moving(self, data: bytes) -> None:
+        self._moving_left -= 1
+        with suppress(ValueError):
+            self._frame.note_moving(decode_transforms(data))
 
     def withdraw(self) -> None:
         """Close publisher and subscription."""
         self._node.destroy_publisher(self._publisher)  # which does nothing without one
         self._node.destroy_subscription(self._subscription)
+        self._node.destroy_subscription(self._moving)
 
     def _on_transforms(self, data: bytes) -> None:
         try:

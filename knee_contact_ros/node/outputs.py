@@ -215,9 +215,7 @@ class SinkProcess:
         self._waiting.clear()
         if reason:
             told = reason if self._last.state == REFUSED else f"{self.label} {what}: {reason}"
-            self._fail(
-                told + (f"; {self._lost} answers are not in it" if self._lost else "")
-            )
+            self._fail(told + (f"; {self._lost} answers are not in it" if self._lost else ""))
         self._known.set()
 
     def _feed(self, connection: Connection) -> str:

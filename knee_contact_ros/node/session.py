@@ -93,6 +93,7 @@ class Session(ABC):
         self.inputs: Inputs
         self.outputs: Outputs
         self._transforms: StaticTransformTopic
+        self._frame_doubt = ""  # as it was last told
         self._others: OtherPublishers
         self._publishers: dict[str, Any] = {}
         """Publishers by their topics"""
@@ -354,6 +355,10 @@ class Session(ABC):
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
         self.health.tell_first_second(self.inputs)
+        self._transforms.leave_moving()
+        if self.pipeline.frame.doubt not in ("", self._frame_doubt):
+            self._frame_doubt = self.pipeline.frame.doubt
+            self.node.get_logger().warning(self._frame_doubt)
         for stream in self.inputs:
             stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through

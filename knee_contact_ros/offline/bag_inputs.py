@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,14 @@ from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.sources import TopicSource
 from knee_contact_ros.streams.conversion import converters, store_of
-from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
+from knee_contact_ros.streams.frames import (
+    MOST_MOVING,
+    TF,
+    TF_MESSAGE,
+    TF_STATIC,
+    ForceFrame,
+    decode_transforms,
+)
 from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_STATES
 from knee_contact_ros.system.errors import UsageError, list_names
@@ -137,6 +145,9 @@ class BagInputs:
             except ValueError as error:
                 problems = [str(error)]
             warn(f"{TF_STATIC} of {self.bag}: {problem}" for problem in problems)
+        for data in transform_messages(self.bag, TF, MOST_MOVING):
+            with suppress(ValueError):
+                frame.note_moving(decode_transforms(data))
 
     def _types(self, source: TopicSource, by: str) -> Typestore:
         try:
@@ -148,8 +159,9 @@ class BagInputs:
             ) from None
 
 
-def transform_messages(bag: Bag) -> list[bytes]:
-    """Return the messages of `/tf_static` in a bag, as bytes; an empty list if it has no such topic of that type."""
+def transform_messages(bag: Bag, topic: str = TF_STATIC, most: int | None = None) -> list[bytes]:
+    """Return the first `most` messages of a topic of transforms, as bytes; none if the bag has no such topic."""
     with suppress(UsageError):
-        return [message.data for message in bag.select({TF_STATIC: TF_MESSAGE}).raw_messages()]
+        messages = bag.select({topic: TF_MESSAGE}).raw_messages()
+        return [message.data for message in islice(messages, most)]
     return []

@@ -171,6 +171,7 @@ def _complete_summary(
         pipeline.angle_conflict.sentence(angles, joint),
         pipeline.force_conflict.sentence(forces),
         held_sentence(pipeline, summary.flagged["INPUT_HELD"]),
+        pipeline.frame.doubt,
     )
     summary.publishers = [sentence for sentence in sentences if sentence]
 

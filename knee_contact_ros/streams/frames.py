@@ -7,6 +7,7 @@ not on when a transform arrived, and a recording can be computed again without t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from struct import Struct
 from typing import Any, NamedTuple
@@ -23,7 +24,7 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
 from knee_contact_ros.system.errors import MAX_NAME_LENGTH, printable
 
-TF_STATIC = "/tf_static"
+TF, TF_STATIC = "/tf", "/tf_static"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
@@ -34,6 +35,10 @@ TIBIA_FRAME = "tibia"
 SQRT_HALF = 0.5**0.5
 FROM_REP_103 = (SQRT_HALF, 0.0, 0.0, SQRT_HALF)
 """Rotation from x forward, y left, z up to x anterior, y superior, z right, a quarter turn about x; as x, y, z, w"""
+NOT_OF_A_TIBIA = frozenset({"world", "map", "odom", "earth", "base_link", "base_footprint"})
+"""Names of frames that do not turn with a shank, by REP 105 and REP 120"""
+MOST_MOVING = 1000
+"""Number of messages of `/tf` that are looked at, for the sentence about a missing static transform"""
 FORCE_TURNED = "force_turned"
 """Name of the metadata record that describes how later forces are transformed"""
 MAX_CHAIN = 100
@@ -207,11 +212,24 @@ class ForceFrame:
         self._candidate: Pose | None = None  # that pose for the last force, while no frame is held
         self._rotation = rotation_pose(rotation)
         self._transforms = StaticTransforms()
+        self._with_moving = StaticTransforms()  # those of `/tf`, too
         if wanted:
             _rotations()  # now, and not while a force waits
         own = isb_transform(wanted)
         if own:
-            self._transforms.add_transform(own)
+            self.add_transforms([own])
+
+    @property
+    def doubt(self) -> str:
+        """Sentence that the forces' frame does not turn with the tibia, and they are not turned; else empty."""
+        name = (self._frame or "").rpartition("/")[2]
+        if self.wanted or self._rotation is not None or name.lower() not in NOT_OF_A_TIBIA:
+            return ""
+        return (
+            f"the forces are in frame {_short(self._frame or '')}, which does not turn with the tibia, and are taken "
+            "as if it were the tibia's: publish them in a frame of the shank; frame.tibia or load.rotation turn those "
+            "of a sensor that is fixed to it"
+        )
 
     def take_turn_note(self) -> dict[str, str]:
         """Metadata record of a new turn, or an empty one; each record is returned once."""
@@ -228,6 +246,7 @@ class ForceFrame:
         for transform in transforms:
             try:
                 news |= self._transforms.add_transform(transform)
+                self._with_moving.add_transform(transform)
             except ValueError as error:
                 problems.append(str(error))
         if news and self._frame is not None and self._pose is not None:
@@ -237,6 +256,12 @@ class ForceFrame:
             elif not np.array_equal(pose, self._pose):
                 self._turn_by(pose, self._frame)
         return problems
+
+    def note_moving(self, transforms: Iterable[Transform]) -> None:
+        """Remember transforms that move, which are not used, for the sentence about a missing static one."""
+        for transform in transforms:
+            with suppress(ValueError):
+                self._with_moving.add_transform(transform)
 
     def needs_no_turn(self, frame: str) -> bool:
         """Whether a force in this frame is accepted, is in the same frame as earlier ones, and needs no transform."""
@@ -281,6 +306,8 @@ class ForceFrame:
             self._candidate = pose = self._transforms.between(frame.removeprefix("/"), self.wanted)
         if pose is None:
             text = f"{self._topic} is in frame {_short(frame)}, and no static transform leads to {self.wanted!r}"
+            if self._with_moving.between(frame.removeprefix("/"), self.wanted) is not None:
+                text += f"; the way there on {TF} moves, and only {TF_STATIC} is used"
             raise RefusedSampleError("frame_unknown", text)
         turned = turned_wrench(wrench, pose, self.wanted)
         return turned, encode_wrench_stamped(turned)

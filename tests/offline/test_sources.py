@@ -245,14 +245,24 @@ def test_forces_in_other_frames(
         ("tibia", changed[0], {}),
         ("sensor", in_frame("sensor", lambda down: (down, 0.0, 0.0)), {"frame.tibia": "tibia"}),
         ("changes", lambda t, *rest: changed[t >= STAMPS[40]](t, *rest), {}),
+        ("world", in_frame("world", lambda down: (0.0, down, 0.0)), {}),
     ):
         topics = dict([ANGLE, (FORCE[0], (FORCE[1][0], force)), (TF_STATIC, (TF_MESSAGE, lies))])
         made[name] = tmp_path / f"{name}.mcap"
         bag = bag_of(tmp_path / f"{name}_in.mcap", topics)
         summary = solve(bag, load_parameters(values), made[name])
+        assert [text[:33] for text in summary.warnings] == (
+            ["the forces are in frame 'world', "] if name == "world" else []
+        )
         assert summary.refused == ({"frame_changed": 20} if name == "changes" else {})
     assert answers(made["sensor"]) == answers(made["tibia"])
     assert answers(made["changes"]) == answers(made["tibia"])[:40]
+    moving = dict([ANGLE, (FORCE[0], (FORCE[1][0], in_frame("sensor", lambda _: (0.0,) * 3)))])
+    bag = bag_of(tmp_path / "moving.mcap", {**moving, "/tf": (TF_MESSAGE, lies)})
+    with pytest.raises(
+        UsageError, match=r"60 x frame_unknown.* on /tf moves, and only /tf_static"
+    ):
+        solve(bag, load_parameters({"frame.tibia": "tibia"}), None)
     with Bag(made["sensor"]) as bag:
         note = bag.first_metadata(FORCE_TURNED)
     assert note
@@ -316,7 +326,7 @@ def test_forces_in_other_frames(
         (
             "/nan std_msgs/Float64 data on arrival",
             "",
-            r"60 x not_finite.*; /nan: position of joint .knee. is",
+            r"60 x not_finite.*; /nan: position is nan",
         ),
         (
             "/state exo_msgs.State mode",

@@ -65,12 +65,16 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     peer.wait_for_node()
     peer.wait_until(lambda: told)  # where the tibia frame lies in the robot's own
     assert told == [isb_transform("shank_isb")]
-    peer.send_angle(0, 0.1)
-    send_force(peer, 0, "load_cell", (0.0, 0.0, 700.0))
-    peer.wait_until(lambda: refused(peer, "frame_unknown") == 1)
     robot = Node("robot")
     publisher = robot.create_publisher(TFMessage, "/tf_static", LATCHED)
     upside_down = Transform("shank", "load_cell", (0.0, 0.0, -0.3), (1.0, 0.0, 0.0, 0.0))
+    mover = robot.create_publisher(TFMessage, "/tf", 10)
+    peer.wait_until(mover.get_subscription_count)
+    mover.publish(encode_transform(upside_down, 0))
+    peer.spin(0.5)  # the transform is on its way
+    peer.send_angle(0, 0.1)
+    send_force(peer, 0, "load_cell", (0.0, 0.0, 700.0))
+    peer.wait_until(lambda: refused(peer, "frame_unknown") == 1)
     publisher.publish(encode_transform(upside_down, 0))
     stamp = STEP
     while not peer.contacts:  # the transform is on its way
@@ -82,6 +86,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     assert peer.contacts[0].load == pytest.approx(
         350.0, abs=1e-9
     )  # one rotation's rounding of 700 N
+    peer.wait_until(lambda: not mover.get_subscription_count())  # it can tell nothing more
     answered, told_before = len(peer.contacts), refused(peer, "frame_changed")
     send_force(peer, stamp, "shank", (0.0, 0.0, -700.0))
     peer.wait_until(lambda: refused(peer, "frame_changed") == told_before + 1)
@@ -95,6 +100,9 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     peer.wait_until(lambda: len(peer.contacts) >= answered + 3)
     robot.destroy_node()
     output = node.stop()
+    assert (
+        "leads to 'shank_isb'; the way there on /tf moves, and only /tf_static is used" in output
+    )
     assert "forces are turned from load_cell to shank_isb" in output
     assert "/tf_static: transform from 'shank' to 'load_cell'" in output
     how = read_provenance(recording)
@@ -107,6 +115,19 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     for one in live:
         one.status &= ~Status.INPUT_REJECTED  # what was refused is not recorded
     assert again == live
+
+
+def test_forces_in_a_frame_of_the_world_are_told_once(peer: Peer, start_node: Start) -> None:
+    node = start_node()
+    peer.wait_for_node()
+    for i in range(20):
+        peer.send_angle(i * STEP, 0.1)
+        send_force(peer, i * STEP, "world", (0.0, -700.0, 0.0))
+    peer.wait_until(lambda: len(peer.contacts) == 20)
+    peer.spin(0.5)  # several calls of the timer
+    assert (
+        node.stop().count("forces are in frame 'world', which does not turn with the tibia") == 1
+    )
 
 
 def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_path: Path) -> None:

@@ -86,6 +86,41 @@ def test_a_frame_without_a_transform_is_refused_by_name() -> None:
     assert take(frame, wrench("sensor", (0.0, 0.0, -700.0))).frame_id == "tibia_isb"
 
 
+def test_a_way_that_moves_is_named_as_the_reason() -> None:
+    frame = ForceFrame("tibia")
+    told(frame, Transform("foot", "sensor", NOWHERE, UPRIGHT))
+    frame.note_moving(
+        [Transform("tibia", "foot", NOWHERE, UPRIGHT), Transform("a", "a", NOWHERE, UPRIGHT)]
+    )
+    refused = str(refusal(frame, wrench("sensor", NOWHERE)))
+    assert refused.endswith("; the way there on /tf moves, and only /tf_static is used")
+    assert "/tf" not in str(refusal(frame, wrench("elsewhere", NOWHERE)))
+    told(frame, Transform("tibia", "foot", NOWHERE, UPRIGHT))
+    assert take(frame, wrench("sensor", (1.0, 2.0, 3.0))).force == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("name", ["world", "/odom", "robot/base_link", "MAP"])
+def test_a_frame_that_does_not_turn_with_the_tibia_is_doubted(name: str) -> None:
+    frame = ForceFrame()
+    assert not frame.doubt
+    take(frame, wrench(name, NOWHERE))
+    assert frame.doubt.startswith(f"the forces are in frame {name!r}, which does not turn")
+    turned = ForceFrame(rotation=rotation_numbers("0 0 90 deg"))
+    turned.hold_frame(name)
+    assert not turned.doubt
+    known = ForceFrame("tibia")
+    told(known, Transform("tibia", name.removeprefix("/"), NOWHERE, UPRIGHT))
+    take(known, wrench(name, NOWHERE))
+    assert not known.doubt
+
+
+@pytest.mark.parametrize("name", ["", "tibia", "world_tibia", "shank/base_link_sensor"])
+def test_other_frames_are_not_doubted(name: str) -> None:
+    frame = ForceFrame()
+    frame.hold_frame(name)
+    assert not frame.doubt
+
+
 def test_a_frame_by_rep_103_is_turned_upright() -> None:
     """Up is z there and y here, left is y there and -z here."""
     turned = take(ForceFrame("tibia_isb"), wrench("tibia", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
