@@ -4,7 +4,8 @@ Angle and load are resampled at 200 Hz and smoothed (Gaussian, 20 ms), at any ra
 
 - **Heel strike**: 30 ms after the extension peak at the end of swing. This is a minimum of the angle after a fall by
   5° or more within 0.1 s and before a flexion by 3° or more. The load must rise there: before, it was below 0.45
-  times its maximum within the next 0.4 s.
+  times its maximum within the next 0.4 s. If the knee stays extended for longer than 0.1 s, or its angle has no such
+  peak, the load decides: 20 ms before it passes 0.45 times its maximum of the 0.6 s after the fall.
 - **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more. The load must fall there: just after,
   it is below 0.45 times its maximum within the 0.4 s before.
 - **Load peak**: the largest load within 0.25 s on either side, where the load varies by 0.15 BW or more; of 1 BW or
@@ -55,6 +56,12 @@ TURN, TURN_AT_END = math.radians(3.0), math.radians(0.5)
 """Angle [rad] by which the knee must turn back after an extremum; at the end of a run"""
 FALL, FALL_TIME = math.radians(5.0), points(0.1)
 """Smallest extension of the knee [rad] before heel strike, within this number of points"""
+FLAT = points(0.1)
+"""Number of points near the extension peak from which it tells no time; in shipped gaits it has 4 to 6"""
+LANDING_TIME = points(0.6)
+"""Number of points after an extension to a flat end in which the foot lands and its load is searched"""
+LANDED = points(0.02)
+"""Number of points from heel strike until the load passes `UNLOADED`: 10, 20 and 25 ms in the shipped gaits"""
 SWING = math.radians(20.0)
 """Smallest flexion around toe-off [rad]"""
 RATE_OVER = points(0.02)
@@ -227,7 +234,9 @@ class Window:
         if signal[at] - after.min(initial=signal[at]) < (TURN_AT_END if at_end else TURN):
             return None
         peak, offset = (
-            self._extension(before, at) if kind == HEEL_STRIKE else self._flexion_rate(before, at)
+            self._extension(before, after, at)
+            if kind == HEEL_STRIKE
+            else self._flexion_rate(before, at)
         )
         if peak is None:
             return None
@@ -238,13 +247,32 @@ class Window:
         angle = self._angle[min(round(stamp / PERIOD) - self._origin, len(self._angle) - 1)]
         return GaitEvent(stamp, kind, f"{kind} at {np.degrees(angle):.0f}° of flexion")
 
-    def _extension(self, before: Floats, at: int) -> tuple[int | None, float]:
+    def _extension(self, before: Floats, after: Floats, at: int) -> tuple[int | None, float]:
         """Place of the extension peak before a heel strike: grid point, and offset in points; None: nowhere."""
+        near = [
+            len(until_higher(-side, TURN_AT_END + self._angle[at])) for side in (before, after)
+        ]
+        if sum(near) >= FLAT:
+            return self._loaded_extension(before, at), 0.0
         fall = -self._angle[at] - before[:FALL_TIME].min(initial=-self._angle[at])
         stance = self._load[at : at + LOADING_TIME + 1]
         if fall < FALL or not self._swings(at, BEFORE_LANDING, stance):
             return None, 0.0
         return at, vertex(self._angle[at - 1 : at + 2])
+
+    def _loaded_extension(self, before: Floats, at: int) -> int | None:
+        """Where the extension peak before a heel strike would be by the load, after an extension to a flat end."""
+        bent = np.flatnonzero(before <= -self._angle[at] - FALL)
+        if not len(bent) or before[: bent[0]].max(initial=-np.inf) == -self._angle[at]:
+            return None  # the first of equal ones counts
+        begin = at - 1 - int(bent[0])
+        stance = self._load[begin : begin + LANDING_TIME]
+        loaded = np.flatnonzero(stance > UNLOADED * stance.max())
+        is_known = self._ended or len(stance) == LANDING_TIME
+        if not is_known or not len(loaded) or loaded[0] == 0:
+            return None
+        peak = begin + int(loaded[0]) - LANDED - points(AFTER[HEEL_STRIKE] / SECOND)
+        return peak if peak > 0 and self._swings(peak, BEFORE_LANDING, stance) else None
 
     def _flexion_rate(self, before: Floats, at: int) -> tuple[int | None, float]:
         """Place of the largest flexion rate before the largest angle, if the foot leaves the ground there."""

@@ -91,7 +91,7 @@ class Stride(NamedTuple):
     loading_rate: float
     """Largest rise of the contact force over `RISE_TIME` in the first half of stance [N/s]"""
     usable: bool
-    """Whether no answer of the stride has a bit of `UNUSABLE`"""
+    """Whether no answer of the stride, nor those on either side of its ends, has a bit of `UNUSABLE`"""
     sliding_distance: float
     """Distance [m] that the femur slides along the tibia, forward and backward, while in contact; NaN: not recorded"""
     ringing: float = math.nan
@@ -235,7 +235,8 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
     (time, whole), (stance_time, stance) = (
         cut(stamps, values, span.start, end) for end in (span.end, span.toe_off)
     )
-    within = slice(*np.searchsorted(stamps, (span.start, span.end)))
+    first = int(np.searchsorted(stamps, span.start, "right")) - 1  # its ends lie between answers
+    used = slice(max(first, 0), int(np.searchsorted(stamps, span.end)) + 1)
     rings = isinstance(rows, Mapping) and "ringing" in rows
     return Stride(
         span,
@@ -244,7 +245,7 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
         integral(time, whole[:, 0]),
         integral(stance_time, stance[:, 0]),
         loading_rate(stance_time, stance[:, 0]),
-        not (rows["status"][within].astype(int) & UNUSABLE).any(),
+        not (rows["status"][used].astype(int) & UNUSABLE).any(),
         sliding_distance(time, *whole.T[2:]),
         largest_within(span, stamps, rows["ringing"]) if rings else math.nan,
     )

@@ -145,6 +145,35 @@ def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) ->
     )
 
 
+def stopped(before: float, after: float, tilt: float, noise: float) -> Samples:
+    """Gait of a knee that reaches a stop at 5° `before` landing [s] and leaves it `after` it; it tilts [rad/s]."""
+    (stamps, angle, load), strike = walking(200.0, 12.35), 0.084
+    time = (stamps - stamps[0]) / 1e9
+    since = (time - strike + 0.5 * STRIDE) % STRIDE - 0.5 * STRIDE
+    sooner = np.where(
+        (since > -0.5) & (since <= -before), -0.5 + (since + 0.5) * 0.45 / (0.5 - before), since
+    )
+    bent = np.interp((sooner + strike) % STRIDE, time[:247], angle[:247], period=STRIDE)
+    flat = np.radians(5.0) + tilt * (since + before)
+    angle = np.where((since > -before) & (since < after), flat, np.maximum(bent, np.radians(5.0)))
+    return stamps, angle + noise * np.random.default_rng(0).standard_normal(len(time)), load
+
+
+@pytest.mark.parametrize("before", [0.1, 0.2, 0.3])
+@pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize(("tilt", "noise"), [(0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.005)])
+def test_the_load_finds_heel_strikes_that_a_stop_hides(
+    before: float, after: float, tilt: float, noise: float
+) -> None:
+    samples = stopped(before, after, tilt, noise)
+    events = found(samples)
+    strikes = np.array(times(events, HEEL_STRIKE)) - samples[0][0] / 1e9
+    # The seam of the repeated cycle is just before landing: it comes 15 ms early by the load
+    assert strikes == pytest.approx(0.084 + STRIDE * np.arange(1, 10), abs=0.05)
+    assert len(times(events, TOE_OFF)) == 10
+    assert sorted(found(samples, tuple(range(0, 2470, 7)))) == sorted(events)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_does_not_multiply_events(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -188,6 +217,12 @@ NO_GAIT = {
     "standing": (0.05 + noise(np.radians(1.0)), 370.0 + noise(30.0)),
     "on one leg": (0.05 + noise(np.radians(1.0)), 950.0 + noise(30.0)),
     "swaying": (np.radians(5.0 + 4.0 * np.sin(2.0 * TIME)), 400.0 + 200.0 * np.sin(3.0 * TIME)),
+    "squats": (
+        np.radians(45.0 - 50.0 * np.cos(2.0 * TIME)).clip(0.0),
+        900.0 - 500.0 * np.cos(2.0 * TIME),
+    ),
+    "leg held out": (np.radians(45.0 - 50.0 * np.cos(2.0 * TIME)).clip(0.0), 60.0 + 0.0 * TIME),
+    "leg pulled up": (np.radians(45.0 - 50.0 * np.cos(2.0 * TIME)).clip(0.0), -60.0 + 0.0 * TIME),
     "kicking in the air": (np.radians(45.0 - 45.0 * np.cos(6.0 * TIME)), np.abs(noise(60.0))),
 }
 
@@ -195,3 +230,11 @@ NO_GAIT = {
 @pytest.mark.parametrize("name", NO_GAIT)
 def test_no_gait_has_no_events(name: str) -> None:
     assert found((STAMPS, *NO_GAIT[name])) == []
+
+
+def test_rising_from_a_chair_is_no_step() -> None:
+    turn = np.cos(2.0 * TIME)
+    angle = np.radians(45.0 - 50.0 * turn).clip(0.05)
+    assert {each.kind for each in found((STAMPS, angle, 50.0 + 600.0 * (turn > -0.5)))} <= {
+        LOAD_PEAK
+    }

@@ -100,6 +100,32 @@ def test_the_sliding_of_a_walking_knee() -> None:
     assert [each.sliding_distance for each in strides_of(series, BODY_WEIGHT)] == [0.0] * 6
 
 
+def test_a_stride_is_usable_only_if_the_answers_on_either_side_of_its_ends_are() -> None:
+    stamps, angle, load = walking(200.0, 6.0)
+    series = model(law("kelvin_voigt"), level="quasi_static").run(
+        (stamps - stamps[0]) / SECOND, angle, load
+    )
+    first, *_, last = strides_of(series, BODY_WEIGHT)
+    behind = int(np.searchsorted(series["stamp"], last.span.end))
+    before = int(np.searchsorted(series["stamp"], first.span.start)) - 1
+    for at, stride, step in ((behind, -1, 1), (before, 0, -1)):
+        for tick, usable in ((at, False), (at + step, True)):
+            flagged = series.copy()
+            flagged["status"] = np.where(np.arange(len(series)) == tick, Status.IMPLAUSIBLE, 0)
+            assert strides_of(flagged, BODY_WEIGHT)[stride].usable is usable
+
+
+def test_a_run_that_ends_at_a_heel_strike_has_usable_strides() -> None:
+    stamps, angle, load = walking(200.0, 3.8)
+    series = model(law("kelvin_voigt"), level="quasi_static").run(
+        (stamps - stamps[0]) / SECOND, angle, load
+    )
+    series["status"] = 0
+    (*_, last) = strides_of(series, BODY_WEIGHT)
+    assert last.usable
+    assert last.span.end <= series["stamp"][-1]
+
+
 @pytest.mark.parametrize("size", [1, 37, 10_000])
 def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size: int) -> None:
     stamps, angle, load = walking(200.0, 8.0)
