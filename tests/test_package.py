@@ -12,12 +12,14 @@ import knee_contact_ros
 
 def test_dir_names_what_is_public_and_all_of_it_is_there() -> None:
     public = [
+        "Gait",
         "Results",
         "UsageError",
         "__version__",
         "calibrate",
         "estimate_load",
         "load_model",
+        "paired",
         "sensitivity",
     ]
     assert dir(knee_contact_ros) == [*public, "solve", "sweep", "uncertainty"]

@@ -37,7 +37,7 @@ GROUPS = {
         lab.fit_profile,
         lab.calibrate,
     ),
-    "Take it elsewhere": (lab.export,),
+    "Take it elsewhere": (lab.export, offline.cite),
     "Study": (lab.sweep, lab.sensitivity, lab.trade),
     "Report a fault": (offline.about,),
 }
@@ -113,7 +113,7 @@ def open_standard_streams() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115
-    if isinstance(sys.stdout, TextIOWrapper):
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.encoding.lower() != "utf-8":
         sys.stdout.reconfigure(errors="backslashreplace")
 
 

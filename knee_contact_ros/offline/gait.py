@@ -38,7 +38,7 @@ class Gait(Results):
         >>> from knee_contact_ros import solve
         >>> gait = solve("bags/gait2354_right")
         >>> gait.strides()[["duration", "peak_force"]].round(2).to_dict("records")
-        [{'duration': 1.23, 'peak_force': 1556.91}]
+        [{'duration': 1.23, 'peak_force': 1557.13}]
     """
 
     def strides(self, body_weight: float | None = None) -> Any:  # type: ignore[override]
@@ -53,6 +53,11 @@ class Gait(Results):
 
         Raises:
             UsageError: the body weight is not known, or pandas is not installed.
+
+        Example:
+            >>> from knee_contact_ros import solve
+            >>> solve("bags/gait2354_right").strides()["duration"].round(2).tolist()
+            [1.23]
         """
         pandas = _pandas()
         rows = [
@@ -86,6 +91,11 @@ class Gait(Results):
 
         Raises:
             UsageError: as for `strides`; or an argument is not allowed.
+
+        Example:
+            >>> from knee_contact_ros import solve
+            >>> len(solve("bags/gait2354_right").cycles(11, of="stance"))
+            11
         """
         pandas = _pandas()
         if points < 2 or of not in ("cycle", "stance"):

@@ -29,6 +29,8 @@ JUMP_SAMPLES = 3
 """Number of samples of both streams that count as a jump of both, as two wrong stamps may coincide. If more samples
 than this of one stream follow a pause, they are not a burst of wrong stamps either; then samples from within the pause
 are wrong. Tuned; `studies.pairing` would notice."""
+JUMP_GAPS = 10
+"""Longest step forward, in units of `max_gap`, that may set a clock right again that was set back a little"""
 
 
 class AngleSample(NamedTuple):
@@ -118,6 +120,7 @@ class Timeline(Generic[S]):
         self.on_set_back: Callable[[], object] = lambda: None
         """Function that is called when `set_back` has changed"""
         self._late: list[int] = []  # stamps of refused samples that continue each other
+        self._longest_hole = 0  # longest step forward [ns] beyond the usual one, which may have been a clock set ahead
         self.step_limit = max_gap
         """Longest step [ns] that continues the stream"""
         self._max_gap = max_gap
@@ -185,6 +188,7 @@ class Timeline(Generic[S]):
                 if not 0 < sample.stamp - self.last <= self._max_gap:
                     self.jumps += 1
                     self.last_jump = sample.stamp - self.last
+                    self._longest_hole = max(self._longest_hole, self.last_jump)
                 if sample.stamp <= self.last:  # steps longer than `max_gap` came from jumps
                     steps = [step for step in self.steps if step <= self._max_gap]
                     self.resume(self.last, steps)
@@ -202,6 +206,7 @@ class Timeline(Generic[S]):
         self._reject_held_back(len(self.held_back))
         self.resume(None, ())
         self._late.clear()
+        self._longest_hole = 0
         self._set_back_by(0)
 
     def _refuse_late(self, stamp: int) -> None:
@@ -215,11 +220,15 @@ class Timeline(Generic[S]):
         """Judge the late samples before an accepted one, at a stamp [ns], that follows the `last` accepted one.
 
         A clock that was set back gives late samples that run into those accepted later. Packets in the wrong order
-        leave a hole before these.
+        leave a hole before these. A clock that was set ahead before, in a hole of the stamps, is set right again.
         """
         late = self._late
         if len(late) >= JUMP_SAMPLES and stamp - late[-1] <= self.step_limit and self.steps:
-            self._set_back_by(self.set_back + last - late[0] + _usual_step(self.steps))
+            usual = _usual_step(self.steps)
+            back = last - late[0] + usual
+            if back > self._longest_hole + usual:
+                self._set_back_by(self.set_back + back)
+            self._longest_hole = 0
         late.clear()
 
     def _set_back_by(self, time: int) -> None:
@@ -298,10 +307,13 @@ class Timeline(Generic[S]):
 
     def _note_long_step(self, step: int, usual: int) -> None:
         """Count the samples that are missing before a long step [ns], unless it sets the clock right again."""
-        if self.set_back and abs(step - usual - self.set_back) <= usual:
+        # Silence before the clock was set back hides a part of `set_back`; a longer step is of another clock.
+        if self.set_back and self.set_back <= step <= JUMP_GAPS * self._max_gap:
             self._set_back_by(0)
-        elif len(self.steps) == STEPS and step <= self._max_gap:
-            self.missing += round(step / usual) - 1
+        else:
+            self._longest_hole = max(self._longest_hole, step - usual)
+            if len(self.steps) == STEPS and step <= self._max_gap:
+                self.missing += round(step / usual) - 1
 
 
 def _usual_step(steps: deque[int]) -> int:

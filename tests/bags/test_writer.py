@@ -125,7 +125,7 @@ def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
         ("out.mcap", r"out\.mcap exists already"),
         (
             "out.mcap.partial",
-            r"was cut off: `knee-contact recover \S*out.mcap.partial OUT.mcap` makes it whole",
+            r"was cut off: `knee-contact recover \S*out.mcap.partial\S* OUT.mcap` makes it whole",
         ),
     ],
 )

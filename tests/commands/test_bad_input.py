@@ -38,6 +38,12 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "{bag} --output x.csv": "has no answers: knee-contact solve computes them",
         "{bag} --output x.xlsx": "--output x.xlsx: its name must end with .csv or .parquet",
     },
+    "about": {"here": "Got unexpected extra argument"},
+    "cite": {
+        "nowhere": NO_BAG,
+        "": "Missing argument 'BAG'",
+        "{walk}": "does not say how it was made",
+    },
     "node": {
         "--nonsense": "--nonsense: the node takes ROS arguments only, after --ros-args",
         "--ros-args --params-file nowhere.yaml": "nowhere.yaml: cannot read the parameter file",
@@ -72,6 +78,7 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "{walk} --output x.mcap --remap joint_reaction_force:=/x": "FROM must be joint_states or g",
         "{bag} --output x.mcap": "its topics: /joint_reaction_force",
     },
+    "about": {"more": "Got unexpected extra argument (more)"},
     "recover": {
         "{file} typo/out.mcap": NO_FOLDER,
         "{file} out": "output out: its name must end with .mcap",
@@ -133,8 +140,10 @@ def test_it_is_refused_in_one_line_and_nothing_is_written(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    if words.startswith(("node", "load", "replay", "demo")):
-        pytest.importorskip("rclpy", reason="needs ROS")
+    if words.startswith(("node", "load", "replay", "demo", "watch")):
+        rclpy = pytest.importorskip("rclpy", reason="needs ROS")
+        if words.startswith("watch"):
+            rclpy.try_shutdown()  # the command begins a context of its own
     monkeypatch.chdir(tmp_path)
     file = right_bag / "gait2354_right_0.mcap"
     assert run(words.format(bag=right_bag, file=file, walk=sensors)) == 2

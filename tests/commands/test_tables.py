@@ -161,23 +161,22 @@ def test_one_namespace_is_found_and_an_empty_recording_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source, bag, empty = (
-        share_folder() / "bags" / "gait2354_left",
-        tmp_path / "left.mcap",
+        share_folder() / "bags" / "gait2354_right",
+        tmp_path / "right.mcap",
         tmp_path / "empty.mcap",
     )
     with BagWriter(bag) as writer, BagWriter(empty) as nothing:
         for topic, kind in INPUT_TYPES.items():
-            writer.add_topic(f"/left{topic}", kind)
+            writer.add_topic(f"/right{topic}", kind)
             nothing.add_topic(topic, kind)
         for message in raw_messages(source, INPUT_TYPES):
-            writer.write_message(f"/left{message.topic}", message.log_time, message.data)
+            writer.write_message(f"/right{message.topic}", message.log_time, message.data)
     assert run(f"solve {bag} --output {tmp_path}/one.mcap") == 0
     assert run(f"solve {source} --output {tmp_path}/two.mcap") == 0
     one, two = (
-        read_answers(tmp_path / name, "/knee_contact").tobytes()
-        for name in ("one.mcap", "two.mcap")
+        read_answers(tmp_path / name, "/knee_contact") for name in ("one.mcap", "two.mcap")
     )
-    assert one == two
+    assert all(one[name].tobytes() == two[name].tobytes() for name in one.dtype.names)
     capsys.readouterr()
     for command in (f"table {empty} --output t.csv", f"solve {empty} --output {tmp_path}/no.mcap"):
         assert run(command) == 2

@@ -16,6 +16,9 @@ from knee_contact_ros.model.types import ContactState, Fidelity, Status
 from tests.helpers.scenes import DAMPING, RADIUS, STIFFNESS, law, model
 from tests.model.scenes import PAIRS, ellipse, signed
 
+pytestmark = pytest.mark.filterwarnings("ignore:the knee turns at up to")
+"""These motions are faster than any knee's"""
+
 TIME = np.arange(0.0, 0.1, 0.001)
 NONE = np.zeros_like(TIME)
 """x [m] by the mechanism `FORWARDS`"""

@@ -16,6 +16,9 @@ from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
 from studies.honesty.truth import reference
 
+pytestmark = pytest.mark.filterwarnings("ignore:the knee turns at up to")
+"""These motions are faster than any knee's"""
+
 
 def answered(
     scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0

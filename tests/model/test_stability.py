@@ -18,6 +18,9 @@ from studies.stability_scenes import (
     run,
 )
 
+pytestmark = pytest.mark.filterwarnings("ignore:the knee turns at up to")
+"""These motions are faster than any knee's"""
+
 BUDGET = 2000
 """Keeps the tests short: what cannot be solved within it must be said."""
 

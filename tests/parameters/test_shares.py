@@ -97,8 +97,9 @@ def test_an_impossible_split_is_reported_and_flagged(
     assert not read_answers(output, "/knee_contact")["status"].any()
     narrow = [*balance, "-p", "load.compartment_spacing:=0.04", "--overwrite"]
     assert main([*narrow, "--output", str(output)]) == 0
-    flight, line = capsys.readouterr().err.splitlines()
+    flight, *largest, line = capsys.readouterr().err.splitlines()
     assert "above the tibia" in flight
+    assert all("more than any knee bears" in each for each in largest)  # 5.4 body weights, left
     assert "load.compartment fixed_share needs no moment" in line
     wrong = sum(
         float(line.split(f"{side} in ")[1].split(" %")[0]) for side in ("above 1", "below 0")

@@ -323,7 +323,7 @@ FAULTS = [
     ),
     Fault(
         "bytes that are no message",
-        lambda p, t: p.angle.publish(b"\x00\x01\x00\x00nonsense"),
+        lambda p, t: p.angle.publish(b"\x00\x01\x00\x00no"),
         ("undecodable",),
         REJECTED,
     ),

@@ -147,9 +147,9 @@ def test_from_sensors_the_companions_torque_assists_the_knee_that_it_listens_to(
         "load's level ground_force calibrated no: for looking, nothing may be limited or triggered by it"
         in words
     )
-    told = re.search(r"largest contact 791.6 N without assistance, ([0-9.]+) N with it", words)
+    told = re.search(r"largest contact ([0-9.]+) N without assistance, ([0-9.]+) N with it", words)
     assert told
-    assert float(told[1]) < 800.0
+    assert 700.0 < float(told[2]) < float(told[1]) < 850.0
     assert "warning people change how much they co-contract when" in words
     assert (
         "giving way: the contact force is above 700 N" in (tmp_path / "companion.log").read_text()

@@ -7,6 +7,7 @@ import re
 import shutil
 import socket
 import subprocess
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -85,9 +86,11 @@ def test_the_table_is_that_of_single_runs_on_any_workers(
     found = table(tmp_path / "theirs")
     assert_same(found, table(tmp_path / "ours"))
     for _, row in found.iloc[::13].iterrows():
-        alone = knee_contact_ros.solve(
-            right_bag, row["params"], {name: row[name] for name in GRID}
-        )
+        with warnings.catch_warnings():
+            # The depth of a layer has no effect under the law of the healthy knee.
+            warnings.filterwarnings("ignore", "contact.layer_depth has no effect")
+            values = {name: row[name] for name in GRID}
+            alone = knee_contact_ros.solve(right_bag, row["params"], values)
         assert row["peak_force"] == alone.contact_force.max()
         assert row["peak_depth"] == alone.penetration_depth.max()
         assert row["bag"] == str(right_bag)
