@@ -38,7 +38,6 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "{bag} --output x.csv": "has no answers: knee-contact solve computes them",
         "{bag} --output x.xlsx": "--output x.xlsx: its name must end with .csv or .parquet",
     },
-    "about": {"here": "Got unexpected extra argument"},
     "cite": {
         "nowhere": NO_BAG,
         "": "Missing argument 'BAG'",
