@@ -55,6 +55,7 @@ CONTENTS = {
             "record-and-replay",
             "see-it",
             "report",
+            "methods",
             "import-data",
             "surfaces-and-shares",
             "python",

@@ -37,7 +37,7 @@ GROUPS = {
         lab.fit_profile,
         lab.calibrate,
     ),
-    "Take it elsewhere": (lab.export,),
+    "Take it elsewhere": (lab.export, offline.cite),
     "Study": (lab.sweep, lab.sensitivity, lab.trade),
     "Report a fault": (offline.about,),
 }

@@ -1,4 +1,4 @@
-"""Commands that need no ROS: solve, estimate-load, recover, view."""
+"""Commands that need no ROS and no laboratory: solve, estimate-load, recover, view, table, cite, about."""
 
 from __future__ import annotations
 
@@ -300,6 +300,30 @@ def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
         print_json(answers=numbers, files={"Table": output})
     else:
         say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
+
+
+@click.command()
+@click.argument("bag", type=FILE)
+@json_option
+def cite(bag: Path) -> None:
+    """Print what a paper cites of a recording.
+
+    These are software, model, contact law, surfaces and load, with constants and sources. BAG is a recording, the
+    output of `solve` or `estimate-load`, or an imported bag. The page "Write your methods" has sentences for a paper.
+    """
+    from knee_contact_ros.bags.bag import Bag
+    from knee_contact_ros.offline.citation import citation
+
+    with Bag(bag) as opened:
+        parts = citation(opened)
+        damage = opened.damage
+    if as_json():
+        print_json(**parts)
+    else:
+        for name, text in parts.items():
+            say(f"{name}: {text}", hang=2)
+    if damage:
+        raise IncompleteError(f"bag {bag} is damaged: {join_faults(damage)}")
 
 
 @click.command()

@@ -240,12 +240,12 @@ def _regular_stamps(window: tuple[int, int], rate: float) -> Stamps:
 def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
     """Note the gaps between rows at stamps `known` that are longer than `longest` [s], if there are any."""
     steps = np.diff(known) / NANOSECONDS
-    wide = np.count_nonzero(steps > longest)
+    wide = int(np.count_nonzero(steps > longest))
     if not wide:
         return []
     worst = int(np.argmax(steps))
     return [
-        f"{name}: {wide} gaps longer than {longest:g} s, the longest of {steps[worst]:.3g} s "
+        f"{name}: {wide} gap{'s' * (wide > 1)} longer than {longest:g} s, the longest of {steps[worst]:.3g} s "
         f"at {known[worst] / NANOSECONDS:.7g} s; answers there are flagged STALE_INPUT"
     ]
 

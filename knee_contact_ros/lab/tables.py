@@ -279,7 +279,9 @@ def _over_time(
     duplicates = int(np.count_nonzero(~last))
     notes = header.notes
     if duplicates:
-        notes += (f"{path.name}: {duplicates} rows gave way to the next with the same time",)
+        notes += (
+            f"{path.name}: {duplicates} row{'s' * (duplicates > 1)} dropped: the next has the same time",
+        )
     doubts: tuple[str, ...] = ()
     stated = (header.entries or {}).get("nrows", "")
     if stated.isdecimal() and float(stated) > len(seconds):

@@ -80,16 +80,21 @@ def contact_law(contact: ContactSection) -> ContactLaw:
     Raises:
         UsageError: the law does not fulfil what `ContactLaw` requires.
     """
-    constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
-    if contact.stiffness_from == "material":
-        stiffness = material_stiffness(contact)
-        constants |= {name: stiffness[name] for name in constants.keys() & stiffness.keys()}
     try:
-        law = CONTACT_LAWS[contact.law](**constants)
+        law = CONTACT_LAWS[contact.law](**law_constants(contact))
         check(law)
     except ValueError as error:
         raise UsageError(f"parameter contact.law: {contact.law}: {error}") from None
     return law
+
+
+def law_constants(contact: ContactSection) -> dict[str, Any]:
+    """Return the constants of the contact law by parameter, a stiffness from the material computed."""
+    constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
+    if contact.stiffness_from == "material":
+        stiffness = material_stiffness(contact)
+        constants |= {name: stiffness[name] for name in constants.keys() & stiffness.keys()}
+    return constants
 
 
 def material_stiffness(contact: ContactSection) -> dict[str, float]:

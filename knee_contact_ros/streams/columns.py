@@ -30,6 +30,7 @@ from knee_contact_ros.model.types import (
 from knee_contact_ros.streams.messages import (
     BYTE_ORDERS,
     HEADER,
+    LARGEST_MESSAGE,
     MOST_TRAILING,
     STAMP_END,
     Coder,
@@ -133,7 +134,8 @@ def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
     shape = shape_of(first[0])
     layout = written_layout(coder.kind, shape)
     lengths = messages.ends - messages.begins
-    if not layout.length <= lengths.min() <= lengths.max() <= layout.length + MOST_TRAILING:
+    most = min(layout.length + MOST_TRAILING, LARGEST_MESSAGE)
+    if not layout.length <= lengths.min() <= lengths.max() <= most:
         return None
     matrix = messages.rows(layout.length)
     if (matrix[:, :2] != list(HEADER[:2])).any():

@@ -134,6 +134,7 @@ class Converter:
 
     def _converted(self, data: bytes, arrived: int) -> bytes:
         source = self._source
+        messages.check_size(data, source.topic)
         if self._store:
             return self._from_fields(self._store.deserialize_cdr(data, source.type), arrived)
         if source.on_arrival:  # whatever the sender's stamp is

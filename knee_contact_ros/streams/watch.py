@@ -409,6 +409,7 @@ ADVICE = {
     "frame_changed": "the publisher has to keep one frame_id; forces of several sensors are runs of their own",
     "frame_unknown": "give a static transform or load.rotation, or an empty frame.tibia if they are in the tibia frame",
     "joint_missing": "knee.joint_name has to be a joint of every sample",
+    "too_large": "the topic has to carry joint states or forces only",
     "lengths_differ": "the publisher has to give a position for every name",
 }
 """Advice, by the most frequent reason of refusals"""

@@ -16,8 +16,8 @@ from rerun.urdf import UrdfTree
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW, Readings
 from knee_contact_ros.model.types import MM, ContactState, Rows, Status, blank_answers
 from knee_contact_ros.results import FIRST_DATE
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
-from knee_contact_ros.streams.strides import Stride, Strides
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF
+from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view import colours, layout, plane, plots
@@ -31,13 +31,13 @@ _LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 _LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
 _PHASES = {HEEL_STRIKE: "stance", TOE_OFF: "swing"}
 """Phase of the gait that an event begins"""
-_NO_PHASE = "no stride yet"
-"""Before the first of these events"""
-_PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40)]
+_NO_PHASE, _UNKNOWN = "no stride yet", "unknown"
+"""Before the first of these events; where the load contradicts the phase"""
+_PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40), (30, 33, 40)]
 _STATES: dict[str, tuple[Sequence[str], Any]] = {
     layout.CONTACT: ([*STATE_NAMES.values()], colours.STATE_COLOURS.tolist()),
     layout.LEVEL: (_LEVEL_NAMES, _LEVEL_COLOURS),
-    layout.GAIT: ([*_PHASES.values(), _NO_PHASE], _PHASE_COLOURS),
+    layout.GAIT: ([*_PHASES.values(), _NO_PHASE, _UNKNOWN], _PHASE_COLOURS),
 }
 """Names and colours of the states, by their path under `KNEE/states`"""
 _SINGLE_SIZE = 5.0
@@ -314,24 +314,54 @@ class EventFinder:
         self._last_state = -1
         self._last_status = 0
         self._strides = Strides(body_weight)
+        self._unsettled = list[tuple[int, str]]()  # stamps and kinds of gait events
+        self._step, self._peak = (
+            "",
+            0,
+        )  # kind of the last step that is settled, and load peak since
 
     def find(self, answers: Rows) -> list[Event]:
         """Return the events that become certain with these answers, at least one, by their stamps."""
         strides = self._strides.add_answers(answers)
-        return sorted([*self._contact(answers), *self._flags(answers), *self._gait(strides)])
+        found = [*self._contact(answers), *self._flags(answers), *self._gait(strides)]
+        return sorted([*found, *self._contradictions(int(answers["stamp"][-1]) - CERTAIN)])
 
     def finish(self) -> list[Event]:
         """Return the events that the end makes certain; later answers start again."""
         self._strides.events = []
-        return sorted(self._gait(self._strides.finish_strides()))
+        found = [*self._gait(self._strides.finish_strides()), *self._contradictions(math.inf)]
+        self._step = ""
+        return sorted(found)
 
     def _gait(self, strides: Sequence[Stride]) -> Iterator[Event]:
         """Yield the gait events that have become certain with these strides, and the strides."""
         for event in self._strides.events:
+            if self._unsettled and event.stamp < self._unsettled[-1][0] - 2 * CERTAIN:  # went back
+                yield from self._contradictions(math.inf)
+                self._step = ""
+            self._unsettled.append((event.stamp, event.kind))
             yield Event(event.stamp, event.text, phase=_PHASES.get(event.kind, ""))
         for span, _, _, impulse, stance, *_ in strides:
             text = f"stride of {span.duration:.2f} s: impulse {impulse:.1f} N s, stance {stance:.1f} N s"
             yield Event(span.end, text)
+
+    def _contradictions(self, until: float) -> Iterator[Event]:
+        """Yield where the load contradicts the phase, by the gait events up to a stamp [ns], which are all known."""
+        self._unsettled.sort()
+        while self._unsettled and self._unsettled[0][0] <= until:
+            stamp, kind = self._unsettled.pop(0)
+            if kind != LOAD_PEAK:
+                if kind == self._step == HEEL_STRIKE and self._peak:
+                    text = "the leg swings after this peak, but no end of stance was found"
+                    yield Event(self._peak, text, phase=_UNKNOWN)
+                self._step, self._peak = kind, 0
+                continue
+            lands = any(k == HEEL_STRIKE and at < stamp + NEARBY for at, k in self._unsettled)
+            if self._step == TOE_OFF and not lands:
+                self._step = ""
+                text = "the leg is loaded, but no beginning of stance was found"
+                yield Event(stamp, text, phase=_UNKNOWN)
+            self._peak = stamp
 
     def _contact(self, answers: Rows) -> Iterator[Event]:
         """Yield events of changes of the contact state."""

@@ -38,6 +38,11 @@ BAD_INPUT: dict[str, dict[str, str]] = {
         "{bag} --output x.csv": "has no answers: knee-contact solve computes them",
         "{bag} --output x.xlsx": "--output x.xlsx: its name must end with .csv or .parquet",
     },
+    "cite": {
+        "nowhere": NO_BAG,
+        "": "Missing argument 'BAG'",
+        "{walk}": "does not say how it was made",
+    },
     "node": {
         "--nonsense": "--nonsense: the node takes ROS arguments only, after --ros-args",
         "--ros-args --params-file nowhere.yaml": "nowhere.yaml: cannot read the parameter file",

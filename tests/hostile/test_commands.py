@@ -23,6 +23,7 @@ COMMANDS = {
     "estimate-load": "{bag} --output {output}/out.mcap "
     "--remap=ground_reaction_force:=/joint_reaction_force",
     "table": "{bag} --output {output}/out.csv",
+    "cite": "{bag}",
     "trade": "{bag} --picture {output}/out.png",
     "calibrate": "{bag} --free person.tone --output {output}/out.yaml",
     "replay": "{bag} --wait 0",
@@ -44,6 +45,7 @@ OTHERWISE = [
     ("escape codes in topics", "estimate-load"),
     ("messages that are none", "estimate-load"),
     ("escape codes in topics", "table"),
+    ("escape codes in topics", "cite"),
     ("messages that are none", "trade"),
     ("messages that are none", "calibrate"),
     ("a chunk that hides ten gigabytes", "replay"),

@@ -642,7 +642,7 @@ def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
         assert importing(table, f"missing: leave_out\n{rate}{MAP}", "--overwrite") == 0
         said = in_a_line(capsys.readouterr().out)
         assert "angle: 59 of 720 rows left out, as a number is missing" in said
-        assert "angle: 1 gaps longer than 0.1 s, the longest of 0.5 s at 2 s" in said
+        assert "angle: 1 gap longer than 0.1 s, the longest of 0.5 s at 2 s" in said
         assert tuple(map(len, content())) == (720 - 59, number)
 
 
@@ -661,7 +661,7 @@ def test_in_gaps_of_other_channels_nothing_is_made_up(
     assert importing(None, text, files=files) == 0
     said = in_a_line(capsys.readouterr().out)
     for name, at in (("hip", "1 s"), ("moment", "1.5 s")):
-        assert f"{name}: 1 gaps longer than 0.1 s, the longest of 1 s at {at};" in said
+        assert f"{name}: 1 gap longer than 0.1 s, the longest of 1 s at {at};" in said
     angles, forces = map(stamps_of, content())
     assert angles == np.rint(1e9 * time[hip]).tolist()
     assert forces == np.rint(1e9 * time[moment]).tolist()
@@ -670,12 +670,21 @@ def test_in_gaps_of_other_channels_nothing_is_made_up(
     assert "cells.csv: f: all but 0 rows lie in gaps of another channel" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("again", "told"), [(1, "1 row"), (2, "2 rows")])
+def test_rows_with_the_time_of_the_next_are_dropped_and_counted(
+    again: int, told: str, importing: Importing, capsys: Capture
+) -> None:
+    rows = np.sort(np.append(np.arange(len(cells()["goniometer_deg"])), [10, 20][:again]))
+    assert importing({name: values[rows] for name, values in cells().items()}) == 0
+    assert f"{told} dropped: the next has the same time" in in_a_line(capsys.readouterr().out)
+
+
 def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: Capture) -> None:
     gap = slice(545, 574)  # a quarter of a second
     without = {name: np.delete(values, gap) for name, values in cells().items()}
     assert np.abs(np.diff(without["goniometer_deg"])).max() > 30.0
     assert importing(without) == 0
-    assert "angle: 1 gaps longer than 0.1 s" in capsys.readouterr().out
+    assert "angle: 1 gap longer than 0.1 s" in capsys.readouterr().out
 
 
 def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: Capture) -> None:

@@ -225,6 +225,26 @@ def test_answers_are_those_of_the_usual_messages(
     assert answers(tmp_path / "again.mcap") == plain
 
 
+@pytest.mark.parametrize(
+    "source", ["joint_states", "joint_states sensor_msgs/JointState position[0]"]
+)
+def test_one_huge_message_costs_itself_and_is_told(source: str, tmp_path: Path) -> None:
+    def make(size: int) -> Make:
+        usual, odd = (joint_state(["knee"], lambda a, n=n: [a] * n) for n in (1, size))
+        return lambda t, *rest: odd(t, *rest) if t == STAMPS[30] else usual(t, *rest)
+
+    found, how = {}, load_parameters({"knee.source": source})
+    for size in (1, 40_000):
+        topics = dict([(ANGLE[0], (ANGLE[1][0], make(size))), FORCE])
+        summary = solve(bag_of(tmp_path / f"{size}.mcap", topics), how, tmp_path / f"{size}o.mcap")
+        assert summary.refused == ({"too_large": 1} if size > 1 else {})
+        found[size] = answers(tmp_path / f"{size}o.mcap")
+    assert len(found[40_000]) == 60
+    assert found[40_000][:30] == found[1][:30]
+    solve(tmp_path / "40000o.mcap", how, tmp_path / "again.mcap")
+    assert answers(tmp_path / "again.mcap")[:30] == found[1][:30]
+
+
 def test_forces_in_other_frames(
     tmp_path: Path,
 ) -> None:

@@ -10,10 +10,11 @@ from knee_contact_ros import __version__
 from tests import ROOT
 
 
-def test_package_xml_and_pyproject_have_the_version_of_the_module() -> None:
+def test_package_xml_pyproject_and_citation_have_the_version_of_the_module() -> None:
     tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["version"] == __version__
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert parse_package(ROOT / "package.xml").version == __version__
 
 

@@ -366,6 +366,12 @@ FAULTS = [
         ("angle_off_time",),
         REJECTED,
     ),
+    Fault(
+        "one huge message",
+        lambda p, t: joints(p, t, ["knee"], [0.1] * 500_000),
+        ("too_large",),
+        REJECTED,
+    ),
     Fault("no content", lambda p, _: p.angle.publish(b"\0\1\0\0"), ("undecodable",), REJECTED),
     Fault(
         "force in another frame",

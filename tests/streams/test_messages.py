@@ -313,3 +313,25 @@ def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused(
         if order == "little":
             good = coder.encode_message(content)
             assert decode_all(coder, Column.of([good, bytes(data)])) is None
+
+
+def test_a_message_is_refused_by_its_size_before_it_is_decoded() -> None:
+    def message(numbers: int) -> bytes:
+        state = JointState(10**18, "", ("knee",), (0.1,) * numbers, (), ())
+        return coding.JOINT_STATE.encode_message(state)
+
+    largest = (coding.LARGEST_MESSAGE - len(message(2))) // 8 + 2
+    fits, large = message(largest), message(largest + 1)
+    assert len(fits) <= coding.LARGEST_MESSAGE < len(large)
+    assert len(coding.JOINT_STATE.read_message(fits, "topic")[0].position) == largest
+    text = f"topic: a message of {len(large)} bytes is not read; at most 262144 are"
+    for read in (
+        lambda: coding.JOINT_STATE.read_message(large, "topic"),
+        lambda: coding.check_size(large, "topic"),
+    ):
+        with pytest.raises(RefusedSampleError, match=text) as refused:
+            read()
+        assert refused.value.reason == "too_large"
+    assert coding.JOINT_STATE.decode_message(bytes(10**8)) is None
+    trailing = large[: coding.LARGEST_MESSAGE - len(fits)]
+    assert decode_all(coding.JOINT_STATE, Column.of([fits, fits + trailing + bytes(4)])) is None

@@ -35,8 +35,9 @@ from knee_contact_ros.view.plots import (
     plots_of,
     title_of,
 )
-from knee_contact_ros.view.scene import PICTURE_PERIOD
+from knee_contact_ros.view.scene import PICTURE_PERIOD, EventFinder
 from tests.helpers.answers import contact
+from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 from tests.view.scenes import (
     SHIPPED,
     WEIGHT,
@@ -340,6 +341,32 @@ def test_events_have_their_times(knee: Knee, drawn: Path) -> None:
     (one,) = strides_of(knee[1], WEIGHT)
     words = f"stride of {one.span.duration:.2f} s: impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s"
     assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
+
+
+def phases(angle: np.ndarray, size: int) -> list[tuple[float, str]]:
+    """Phases [s] of a gait with other angles, whose answers come in batches of this size."""
+    stamps, _, load = walking(200.0, 8.0)
+    rows = np.zeros(len(stamps), ROW)
+    rows["stamp"], rows["flexion_angle"], rows["load"] = stamps, angle, load
+    finder, events = EventFinder(BODY_WEIGHT), []
+    for begin in range(0, len(rows), size):
+        events += finder.find(rows[begin : begin + size])
+    found = sorted([*events, *finder.finish()])
+    return [((each.stamp - stamps[0]) / SECOND, each.phase) for each in found if each.phase]
+
+
+@pytest.mark.parametrize("size", [7, 10_000])
+def test_a_phase_that_the_load_contradicts_is_unknown(size: int) -> None:
+    stamps, angle, _ = walking(200.0, 8.0)
+    right = phases(angle, size)
+    assert "unknown" not in dict(right).values()
+    time = (stamps - stamps[0]) / SECOND
+    lands = (time + 0.2) % STRIDE < 0.9  # the knee neither extends before nor flexes after landing
+    bent = phases(np.where(lands, np.maximum(angle, 0.6), angle), size)
+    assert [phase for _, phase in bent if phase != "swing"] == 6 * ["unknown"]
+    assert all(phase == ("swing", "unknown")[i % 2] for i, (_, phase) in enumerate(bent))
+    stiff = phases(np.minimum(angle, 0.3), size)  # swings with little flexion: no toe-off
+    assert [phase for _, phase in stiff] == [*6 * ["stance", "unknown"], "stance"]
 
 
 def test_knees_of_one_scene_have_one_frame(config: Path) -> None:

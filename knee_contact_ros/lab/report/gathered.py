@@ -201,6 +201,14 @@ class Gathered:
         return int(np.nan_to_num(self.columns[self.driving], nan=-np.inf).argmax())
 
     @property
+    def counted_events(self) -> str:
+        """Numbers of gait events by kind, as words."""
+        counts = self.events["event"].value_counts()
+        return ", ".join(
+            f"{kind}s {counts.get(kind, 0)}" for kind in (HEEL_STRIKE, TOE_OFF, LOAD_PEAK)
+        )
+
+    @property
     def driving(self) -> str:
         """Field whose largest value is at `largest`."""
         return "load" if self.doubts.inputs.load_driven else "contact_force"

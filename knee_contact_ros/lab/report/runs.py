@@ -40,8 +40,8 @@ from knee_contact_ros.offline.held_answers import doubt_of
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters import files
-from knee_contact_ros.parameters.build import build_model, material_stiffness
-from knee_contact_ros.parameters.schema import Parameters, constants_of
+from knee_contact_ros.parameters.build import build_model, law_constants
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.subjects import Subject
 from knee_contact_ros.streams.compartments import compartment_of_topic
 from knee_contact_ros.streams.topics import (
@@ -154,12 +154,8 @@ def _values_in_use(parameters: Parameters) -> dict[str, Any]:
         for name, value in files.flat_parameters(parameters).items()
         if not name.startswith(left_out)
     }
-    computed: Mapping[str, Any] = {}
-    if law.stiffness_from == "material":
-        computed = material_stiffness(law)
     values[f"{_LAW_SECTION}law"] = law.law
-    for name in constants_of(law.law):
-        values[_LAW_SECTION + name] = computed.get(name, getattr(law, name))
+    values |= {_LAW_SECTION + name: value for name, value in law_constants(law).items()}
     values[f"{_LAW_SECTION}allow_tension"] = law.allow_tension
     return values
 

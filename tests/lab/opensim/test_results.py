@@ -317,7 +317,7 @@ def test_a_gap_is_noted_and_not_interpolated_across(
     there = TIME[(TIME <= 0.5) | (TIME >= 0.74)]
     q = angles(tmp_path, -np.degrees(flexion(there)), there)
     gait = knee(Files(q, reactions(tmp_path / "jr.sto")), rate=rate)
-    told = "angle: 1 gaps longer than 0.1 s, the longest of 0.24 s at 0.5 s"
+    told = "angle: 1 gap longer than 0.1 s, the longest of 0.24 s at 0.5 s"
     assert any(told in note for note in gait.notes)
     assert len(load_of(gait)) == rows
     assert flexion_of(gait) == pytest.approx(flexion(times_of(gait)), abs=3e-4)

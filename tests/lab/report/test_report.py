@@ -32,6 +32,7 @@ from tests.helpers.offline import solve
 from tests.lab.report.conftest import RUNS, Report
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag
+from tests.streams.test_gait_events import walking
 
 pytest.importorskip(
     "matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7"
@@ -282,7 +283,14 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(
     assert (out / "mine.txt").read_text() == "earlier"
     assert (out / "over_time_1.png").read_bytes().startswith(PNG)
     assert "No two successive heel strikes" in text_of(out)
+    assert "Found: heel strikes 0, toe-offs 0, load peaks 0 (" in text_of(out)
     assert rows_of(out / "cycles.csv") == rows_of(out / "peaks.csv") == []
+    stamps, angle, load = walking(200.0, 3.0)
+    samples = list(
+        zip(stamps.tolist(), angle.clip(0.7).tolist(), (2.0 * load).tolist(), strict=True)
+    )
+    report(make_bag(tmp_path / "bent.mcap", samples))
+    assert "Found: heel strikes 1, toe-offs 2, load peaks 5 (" in text_of(out)
 
 
 @pytest.mark.filterwarnings("error::UserWarning")
