@@ -170,7 +170,7 @@ def test_the_library_of_a_wheel_gives_the_promised_digits(
         )
     export(load_parameters(["healthy"]), "healthy", tmp_path, "x86-64")
     # Windows looks for it under the name that it was linked with.
-    library = tmp_path / f"kernel{TARGETS[target].suffix}"
+    library = tmp_path / f"made{TARGETS[target].suffix}"
     shutil.copy(library_in(wheels[target], tmp_path), library)
     sources = ["healthy_test.c", "healthy.c", library.name, "-Wl,-rpath,$ORIGIN", "-lm"]
     run(*EMULATED[target], "-std=c99", "-o", "program.exe", *sources, folder=tmp_path)
