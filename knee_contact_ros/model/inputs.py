@@ -222,8 +222,8 @@ class InputCheck:
         return (
             f"the load of a swinging and standing leg reaches {self.max_load / weight:.2f} body weights in the whole "
             "knee, and the contact force of a walking knee 2 to 3: is body_weight another person's, or is it the net "
-            "joint force of inverse dynamics, which has no muscle forces? estimate-load adds them, "
-            "from the net force and the knee's net moment"
+            "joint force of inverse dynamics, which has no muscle forces? estimate-load computes "
+            "a load with them, from joint angles and the ground force"
         )
 
     @property

@@ -24,7 +24,7 @@ from tests import ROOT
 
 PACKAGE = "knee_contact_ros"
 UV = Path(sys.prefix) / "bin" / "uv"
-NOT_SHIPPED = ("tests", ".ci", ".gitignore", "MANIFEST.in")
+NOT_SHIPPED = ("tests", ".github", ".ci", ".gitignore", "MANIFEST.in")
 SHARED = ("bags", "config", "examples", "launch", "urdf")
 OF_THIS_ENVIRONMENT = (
     "VIRTUAL_ENV",
