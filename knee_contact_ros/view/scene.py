@@ -16,7 +16,7 @@ from rerun.urdf import UrdfTree
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW, Readings
 from knee_contact_ros.model.types import MM, ContactState, Rows, Status, blank_answers
 from knee_contact_ros.results import FIRST_DATE
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF, runs
 from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK
 from knee_contact_ros.system.files import share_folder
@@ -33,6 +33,8 @@ _PHASES = {HEEL_STRIKE: "stance", TOE_OFF: "swing"}
 """Phase of the gait that an event begins"""
 _NO_PHASE, _UNKNOWN = "no stride yet", "unknown"
 """Before the first of these events; where the load contradicts the phase"""
+_LANDS = 400_000_000
+"""Time [ns] before the end of a run in which a step may not be found yet that belongs to a load peak"""
 _PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40), (30, 33, 40)]
 _STATES: dict[str, tuple[Sequence[str], Any]] = {
     layout.CONTACT: ([*STATE_NAMES.values()], colours.STATE_COLOURS.tolist()),
@@ -314,6 +316,7 @@ class EventFinder:
         self._last_state = -1
         self._last_status = 0
         self._strides = Strides(body_weight)
+        self._last_stamp: NDArray[np.int64] = np.empty(0, np.int64)  # of the answers before
         self._unsettled = list[tuple[int, str]]()  # stamps and kinds of gait events
         self._step, self._peak = (
             "",
@@ -322,23 +325,28 @@ class EventFinder:
 
     def find(self, answers: Rows) -> list[Event]:
         """Return the events that become certain with these answers, at least one, by their stamps."""
-        strides = self._strides.add_answers(answers)
-        found = [*self._contact(answers), *self._flags(answers), *self._gait(strides)]
-        return sorted([*found, *self._contradictions(int(answers["stamp"][-1]) - CERTAIN)])
+        found = [*self._contact(answers), *self._flags(answers)]
+        for part, anew in runs(answers["stamp"], self._last_stamp):
+            if anew:
+                found += self.finish()
+            new = answers[part]
+            found += self._gait(self._strides.add_answers(new))
+            self._last_stamp = new["stamp"][-1:].copy()
+            found += self._contradictions(int(self._last_stamp[0]) - CERTAIN)
+        return sorted(found)
 
     def finish(self) -> list[Event]:
         """Return the events that the end makes certain; later answers start again."""
         self._strides.events = []
-        found = [*self._gait(self._strides.finish_strides()), *self._contradictions(math.inf)]
-        self._step = ""
+        found = [*self._gait(self._strides.finish_strides())]
+        for stamp in self._last_stamp.tolist():
+            found += self._contradictions(stamp - _LANDS)
+        self._unsettled, self._step, self._last_stamp = [], "", np.empty(0, np.int64)
         return sorted(found)
 
     def _gait(self, strides: Sequence[Stride]) -> Iterator[Event]:
         """Yield the gait events that have become certain with these strides, and the strides."""
         for event in self._strides.events:
-            if self._unsettled and event.stamp < self._unsettled[-1][0] - 2 * CERTAIN:  # went back
-                yield from self._contradictions(math.inf)
-                self._step = ""
             self._unsettled.append((event.stamp, event.kind))
             yield Event(event.stamp, event.text, phase=_PHASES.get(event.kind, ""))
         for span, _, _, impulse, stance, *_ in strides:

@@ -345,7 +345,7 @@ def test_events_have_their_times(knee: Knee, drawn: Path) -> None:
 
 def phases(angle: np.ndarray, size: int) -> list[tuple[float, str]]:
     """Phases [s] of a gait with other angles, whose answers come in batches of this size."""
-    stamps, _, load = walking(200.0, 8.0)
+    stamps, _, load = (each[: len(angle)] for each in walking(200.0, 8.0))
     rows = np.zeros(len(stamps), ROW)
     rows["stamp"], rows["flexion_angle"], rows["load"] = stamps, angle, load
     finder, events = EventFinder(BODY_WEIGHT), []
@@ -359,11 +359,14 @@ def phases(angle: np.ndarray, size: int) -> list[tuple[float, str]]:
 def test_a_phase_that_the_load_contradicts_is_unknown(size: int) -> None:
     stamps, angle, _ = walking(200.0, 8.0)
     right = phases(angle, size)
+    for end in range(1080, 1300, 10):  # the run ends around a heel strike
+        assert "unknown" not in dict(phases(angle[:end], size)).values()
     assert "unknown" not in dict(right).values()
     time = (stamps - stamps[0]) / SECOND
     lands = (time + 0.2) % STRIDE < 0.9  # the knee neither extends before nor flexes after landing
     bent = phases(np.where(lands, np.maximum(angle, 0.6), angle), size)
-    assert [phase for _, phase in bent if phase != "swing"] == 6 * ["unknown"]
+    assert [phase for _, phase in bent if phase != "swing"] == 5 * ["unknown"]
+    # The sixth stance has 0.34 s at the end: its heel strike might not be known yet
     assert all(phase == ("swing", "unknown")[i % 2] for i, (_, phase) in enumerate(bent))
     stiff = phases(np.minimum(angle, 0.3), size)  # swings with little flexion: no toe-off
     assert [phase for _, phase in stiff] == [*6 * ["stance", "unknown"], "stance"]
