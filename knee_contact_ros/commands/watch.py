@@ -317,9 +317,11 @@ def run_watch(wanted: str, once: bool, as_json: bool, wait: float) -> None:
     with ExitStack() as opened:
         opened.enter_context(unwinding_on_signals())
         with one_line_ros_errors():
-            rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
-            opened.callback(rclpy.shutdown)
-            node = Node(f"knee_contact_watch_{os.getpid()}", enable_rosout=False)
+            context = rclpy.Context()
+            rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+            opened.callback(context.try_shutdown)
+            name = f"knee_contact_watch_{os.getpid()}"
+            node = Node(name, context=context, enable_rosout=False)
             opened.callback(node.destroy_node)
         watcher, executor = Watcher(node, wanted), make_executor(node)
 

@@ -61,11 +61,13 @@ else:
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
 
     def allow_open_files(number: int) -> None:
-        """Let this process open so many files, if it may: usually 1024 are allowed on Linux, and 256 on macOS."""
+        """Let this process open so many more files, if it may: 1024 are usual on Linux, and 256 on macOS."""
         soft, hard = getrlimit(RLIMIT_NOFILE)
-        if number > soft:
+        if number > soft // 2:  # others are open already
             with suppress(ValueError, OSError):  # macOS has a lower limit beside its `hard`
-                setrlimit(RLIMIT_NOFILE, (number if number <= hard else hard, hard))
+                setrlimit(
+                    RLIMIT_NOFILE, (min(soft + number, hard) if hard >= 0 else soft + number, hard)
+                )
 
 
 def usable_processors() -> int:

@@ -77,7 +77,7 @@ def make_executor(*nodes: Node) -> Executor:
     """
     if FastestExecutor is SingleThreadedExecutor:
         nodes[0].get_logger().warning(NO_EVENTS_EXECUTOR)
-    executor = FastestExecutor()
+    executor = FastestExecutor(context=nodes[0].context)
     for node in nodes:
         executor.add_node(node)
     return executor
