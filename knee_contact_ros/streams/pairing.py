@@ -314,8 +314,11 @@ class Synchroniser:
                 self.refused.count_refused("no_angle_before")
                 continue
             self._has_paired = True
-            if self.last_pair is not None and load.stamp - self.last_pair > self._max_gap:
-                status |= STALE_INPUT
+            if self.last_pair is not None:
+                if load.stamp - self.last_pair > self._max_gap:
+                    status |= STALE_INPUT
+                if load.stamp <= self.last_pair:  # a jump back whose own samples found no angle
+                    status |= TIME_RESET
             self.last_pair = load.stamp
             angles = self._earlier_angles
             self._earlier_angles = []
