@@ -6,8 +6,6 @@ differences between conditions, and `calibrate` parameters fitted to measurement
 docs/how-to/python.md shows them.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from pkgutil import extend_path
 from typing import Any

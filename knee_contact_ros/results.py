@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.readouts import Readings
-from knee_contact_ros.model.types import (
+from .model.knee import KneeModel
+from .model.readouts import Readings
+from .model.types import (
     FIELDS,
     FLAT,
     MESSAGE_FIELDS,
@@ -28,8 +28,8 @@ from knee_contact_ros.model.types import (
     Rows,
     Status,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import not_installed
+from .system.errors import UsageError
+from .system.files import not_installed
 
 FIRST_DATE = 10 * 365 * 86_400 * 1_000_000_000
 """Smallest stamp [ns] that counts as a date, in 1979; stamps of simulations and trials begin near 0"""

@@ -1,15 +1,11 @@
 """Fixtures that several tests need."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -40,7 +36,7 @@ LONGEST_NAME = 60
 REFERENCE_DATA = ROOT.parent / "shared" / "data"
 
 
-def pytest_configure(config: pytest.Config) -> None:
+def pytest_configure(config):
     """Know the mark of pytest-xdist also where that is not installed, and have Ctrl-C end what tests start.
 
     A shell lets what it starts in the background ignore SIGINT, and all that this starts.
@@ -50,7 +46,7 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_make_parametrize_id(val: object) -> str | None:
+def pytest_make_parametrize_id(val):
     """Name a case after the beginning of a long text: workers send each other the names of all."""
     return (
         ascii(val[:LONGEST_NAME])
@@ -59,17 +55,17 @@ def pytest_make_parametrize_id(val: object) -> str | None:
     )
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
+def pytest_sessionstart(session):
     """Build the model, if it was edited, once and before all workers, whose tests would wait for it."""
     if not hasattr(session.config, "workerinput"):
         library()
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Begin with what takes longest, those that wait among those that compute, so that no processor is idle."""
 
-    def of(folders: set[str]) -> list[pytest.Item]:
+    def of(folders):
         return [
             item for item in items if not folders.isdisjoint(item.path.relative_to(ROOT).parts)
         ]
@@ -82,7 +78,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: place.get(item, 2.0))
 
 
-def pytest_terminal_summary(terminalreporter: Any) -> None:
+def pytest_terminal_summary(terminalreporter):
     """Say in one line what was skipped, and how each of it is enabled."""
     skipped = terminalreporter.stats.get("skipped", [])
     if skipped:
@@ -90,25 +86,25 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 @pytest.fixture(scope="session")
-def config() -> Path:
+def config():
     """Folder of the shipped parameter files."""
     return share_folder() / "config"
 
 
 @pytest.fixture(scope="session")
-def right_bag() -> Path:
+def right_bag():
     """The shipped gait of the right leg."""
     return share_folder() / "bags" / "gait2354_right"
 
 
 @pytest.fixture(scope="session")
-def sensors_bag() -> Path:
+def sensors_bag():
     """What sensors of that leg tell, likewise."""
     return share_folder() / "bags" / "gait2354_right_sensors"
 
 
 @pytest.fixture(scope="session")
-def reference_data() -> Path:
+def reference_data():
     """Answers of an independent solver and the tables that the bags were made from; not part of the project."""
     if not REFERENCE_DATA.is_dir():
         pytest.skip("the reference data are not on this machine")
@@ -116,14 +112,14 @@ def reference_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def browser() -> Iterator[Any]:
+def browser():
     """A browser without a screen (selenium's driver)."""
     with started_browser() as driver:
         yield driver
 
 
 @pytest.fixture
-def hidden_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def hidden_screen(tmp_path, monkeypatch):
     """A screen that nobody sees."""
     if not shutil.which("Xvfb"):
         pytest.skip("there is no Xvfb here; on Debian: apt install xvfb")
@@ -147,7 +143,7 @@ def hidden_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[N
 
 
 @pytest.fixture
-def hang_up() -> Iterator[None]:
+def hang_up():
     """Have SIGHUP end processes that are started, also where the tests run under `nohup`."""
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
@@ -155,7 +151,7 @@ def hang_up() -> Iterator[None]:
 
 
 @pytest.fixture
-def started() -> Iterator[Started]:
+def started():
     """No process may be left by a test that has closed its sinks."""
     started = Started()
     yield started
@@ -168,13 +164,13 @@ def started() -> Iterator[Started]:
 
 
 @pytest.fixture(scope="session")
-def old_recording() -> Path:
+def old_recording():
     """The right gait bag with healthy.yaml, by `solve` as it was before sliding velocity and force error were told."""
     return Path(__file__).parent / "recordings" / "without_later_fields.mcap"
 
 
 @pytest.fixture(scope="session")
-def watching(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def watching(tmp_path_factory):
     """A library that stands between a program and its disk: `watched_disk.c`."""
     source, path = (
         Path(__file__).with_name("watched_disk.c"),
@@ -190,7 +186,7 @@ def watching(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
+def small_disk(tmp_path):
     """A file system of 1 MB."""
     folder = tmp_path / "disk"
     folder.mkdir()

@@ -1,7 +1,5 @@
 """The package's own names: what is public, and that it costs nothing until it is used."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -10,7 +8,7 @@ import pytest
 import knee_contact_ros
 
 
-def test_dir_names_what_is_public_and_all_of_it_is_there() -> None:
+def test_dir_names_what_is_public_and_all_of_it_is_there():
     public = [
         "Gait",
         "Results",
@@ -28,7 +26,7 @@ def test_dir_names_what_is_public_and_all_of_it_is_there() -> None:
         _ = knee_contact_ros.load_modell
 
 
-def test_importing_it_imports_nothing_heavy() -> None:
+def test_importing_it_imports_nothing_heavy():
     code = "import sys, knee_contact_ros; print([n for n in ('numpy', 'scipy', 'numba', 'pandas') if n in sys.modules])"
     assert (
         subprocess.run(
@@ -38,7 +36,7 @@ def test_importing_it_imports_nothing_heavy() -> None:
     )
 
 
-def test_a_model_and_its_runs_take_no_library_of_tables() -> None:
+def test_a_model_and_its_runs_take_no_library_of_tables():
     code = (
         "import sys, knee_contact_ros as k; m = k.load_model(); r = m.run([0.0], [0.1], [700.0]); "
         "print([n for n in ('numba', 'pandas', 'polars', 'xarray', 'matplotlib', 'rclpy') if n in sys.modules])"
@@ -51,7 +49,7 @@ def test_a_model_and_its_runs_take_no_library_of_tables() -> None:
     )
 
 
-def test_models_and_streams_fit_a_line() -> None:
+def test_models_and_streams_fit_a_line():
     model = knee_contact_ros.load_model()
     assert (
         repr(model)

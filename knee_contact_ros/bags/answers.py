@@ -1,20 +1,18 @@
 """Decoded messages of a bag: the answers of a recording as arrays, and all messages of a short bag."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.bags.bag import Bag, damaged, opened_bag
-from knee_contact_ros.bags.names import absolute
-from knee_contact_ros.model.types import Rows, Status
-from knee_contact_ros.streams.columns import decode_answers
-from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, deserialize
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.progress import OnProgress, no_progress
+from ..model.types import Rows, Status
+from ..streams.columns import decode_answers
+from ..streams.topics import KNEE_CONTACT, MESSAGE_TYPES, deserialize
+from ..system.errors import UsageError, join_faults
+from ..system.progress import OnProgress, no_progress
+from .bag import Bag, damaged, opened_bag
+from .names import absolute
 
 BLOCK_SIZE = 8192
 """Largest number of answers that are decoded at a time: 2 MB"""

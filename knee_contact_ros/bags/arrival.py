@@ -5,8 +5,6 @@ stamps as log times, which go back when those of an input do. So a bag is cut wh
 are sorted only between two cuts: the pipeline gets them in the order in which the node got them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise, zip_longest
 from typing import NamedTuple
@@ -14,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag_file import BagFile, Batch
-from knee_contact_ros.system.errors import UsageError
+from ..system.errors import UsageError
+from .bag_file import BagFile, Batch
 
 MAX_BYTES_IN_MEMORY = 2**28
 """Largest size [B] of the chunks in memory at one time"""

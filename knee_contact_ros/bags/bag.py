@@ -20,9 +20,23 @@ from typing import NamedTuple
 import zstandard
 from rosbags.interfaces import MessageDefinition
 
-from knee_contact_ros.bags.arrival import by_arrival, in_batches_of
-from knee_contact_ros.bags.bag_file import BagFile, Batch, Channel
-from knee_contact_ros.bags.folder import (
+from ..parameters.sources import DYNAMIC_JOINT_STATES
+from ..streams.columns import Column
+from ..streams.topics import (
+    GROUND_REACTION_FORCE,
+    INPUTS,
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    LOAD_INPUTS,
+    types_in,
+    types_of,
+    typestore,
+)
+from ..system.errors import UsageError, join_faults, list_names
+from ..system.portable import allow_open_files
+from .arrival import by_arrival, in_batches_of
+from .bag_file import BagFile, Batch, Channel
+from .folder import (
     MCAP,
     NUMBERED,
     ZSTD_MAGIC,
@@ -33,24 +47,10 @@ from knee_contact_ros.bags.folder import (
     folder_content,
     kind_of,
 )
-from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.metadata_file import METADATA
-from knee_contact_ros.bags.names import OWN_NAMES, Names, absolute
-from knee_contact_ros.bags.sqlite_file import SqliteFile
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
-from knee_contact_ros.streams.columns import Column
-from knee_contact_ros.streams.topics import (
-    GROUND_REACTION_FORCE,
-    INPUTS,
-    JOINT_REACTION_FORCE,
-    JOINT_STATES,
-    LOAD_INPUTS,
-    types_in,
-    types_of,
-    typestore,
-)
-from knee_contact_ros.system.errors import UsageError, join_faults, list_names
-from knee_contact_ros.system.portable import allow_open_files
+from .mcap_file import McapFile
+from .metadata_file import METADATA
+from .names import OWN_NAMES, Names, absolute
+from .sqlite_file import SqliteFile
 
 INPUT_TYPES = types_of(INPUTS)
 """Types of the topics that drive the model, by their absolute names"""

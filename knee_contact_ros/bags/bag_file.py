@@ -14,8 +14,8 @@ from mcap.records import Metadata
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition
 
-from knee_contact_ros.streams.columns import Column
-from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
+from ..streams.columns import Column
+from ..streams.output import LOAD_PROVENANCE, PROVENANCE
 
 
 class Channel(NamedTuple):

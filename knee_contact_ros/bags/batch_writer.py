@@ -1,7 +1,5 @@
 """Writing of many messages at once: the same bytes as one by one, in a tenth of the time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,9 +7,9 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.mcap_file import MESSAGE_HEADS
-from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, MESSAGE_HEAD, MESSAGE_PREFIX
-from knee_contact_ros.bags.recorder import BagWriter
+from .mcap_file import MESSAGE_HEADS
+from .mcap_writer import CHUNK_SIZE, MESSAGE_HEAD, MESSAGE_PREFIX
+from .recorder import BagWriter
 
 
 class TopicMessages(NamedTuple):

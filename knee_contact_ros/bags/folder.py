@@ -3,8 +3,6 @@
 Files of a rosbag2 folder are found even if its `metadata.yaml` is missing or wrong.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterable
@@ -14,11 +12,8 @@ from typing import NamedTuple
 import zstandard
 from mcap.writer import MCAP0_MAGIC
 
-from knee_contact_ros.bags.mcap_file import MAX_GROWTH
-from knee_contact_ros.bags.mcap_records import ALLOWED_SIZE, BYTES_AT_ONCE
-from knee_contact_ros.bags.metadata_file import METADATA
-from knee_contact_ros.system.errors import UsageError, list_names
-from knee_contact_ros.system.files import (
+from ..system.errors import UsageError, list_names
+from ..system.files import (
     MAX_METADATA_SIZE,
     BadYamlError,
     is_file,
@@ -26,6 +21,9 @@ from knee_contact_ros.system.files import (
     read_yaml,
     sha256_of,
 )
+from .mcap_file import MAX_GROWTH
+from .mcap_records import ALLOWED_SIZE, BYTES_AT_ONCE
+from .metadata_file import METADATA
 
 MCAP = ".mcap"
 """Suffix of an MCAP file"""

@@ -1,7 +1,5 @@
 """The leg that is drawn in recordings: its description (URDF), and the pose of the thigh (tf2)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import lru_cache
@@ -10,11 +8,11 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import Bytes, Rows, Stamps, answer_struct
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer
-from knee_contact_ros.streams.frames import Transform, encode_transform
-from knee_contact_ros.streams.messages import HEADER
-from knee_contact_ros.streams.topics import (
+from ..model.types import Bytes, Rows, Stamps, answer_struct
+from ..streams.contact_pipeline import ContactAnswer
+from ..streams.frames import Transform, encode_transform
+from ..streams.messages import HEADER
+from ..streams.topics import (
     LEG_URDF,
     NANOSECONDS,
     ROBOT_DESCRIPTION,
@@ -22,7 +20,7 @@ from knee_contact_ros.streams.topics import (
     TF,
     Record,
 )
-from knee_contact_ros.system.files import share_folder
+from ..system.files import share_folder
 
 POSE_PERIOD = NANOSECONDS // 50
 """Time [ns]; the thigh is placed at the first tick of each such period"""

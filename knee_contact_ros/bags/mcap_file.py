@@ -21,8 +21,12 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
-from knee_contact_ros.bags.bag_file import BagFile, Batch, Channel, Chunk
-from knee_contact_ros.bags.mcap_records import (
+from ..streams.columns import Column
+from ..streams.topics import NO_DEFINITION
+from ..system.files import open_regular
+from ..system.progress import OnProgress, no_progress
+from .bag_file import BagFile, Batch, Channel, Chunk
+from .mcap_records import (
     ALLOWED_SIZE,
     HOLE,
     LARGEST_RECORD,
@@ -30,11 +34,7 @@ from knee_contact_ros.bags.mcap_records import (
     RecordReader,
     parsed,
 )
-from knee_contact_ros.bags.mcap_writer import MESSAGE_HEAD, MESSAGE_PREFIX, RECORD_HEAD
-from knee_contact_ros.streams.columns import Column
-from knee_contact_ros.streams.topics import NO_DEFINITION
-from knee_contact_ros.system.files import open_regular
-from knee_contact_ros.system.progress import OnProgress, no_progress
+from .mcap_writer import MESSAGE_HEAD, MESSAGE_PREFIX, RECORD_HEAD
 
 MESSAGE_HEADS = np.dtype(
     [

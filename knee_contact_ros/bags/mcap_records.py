@@ -5,8 +5,6 @@ checksum, its chunk indexes are a second source for a chunk with a wrong head. A
 continues at the record to which the length leads, or at the next chunk.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 import zlib
@@ -23,8 +21,8 @@ from mcap.records import Attachment, ChunkIndex, Footer
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
-from knee_contact_ros.bags.bag_file import Chunk
-from knee_contact_ros.bags.mcap_writer import RECORD_HEAD
+from .bag_file import Chunk
+from .mcap_writer import RECORD_HEAD
 
 HOLE = 0
 """Bytes that are not a record: in the place of an opcode, and never one"""

@@ -18,10 +18,10 @@ from mcap.opcode import Opcode
 from mcap.records import Statistics
 from mcap.writer import CompressionType, Writer
 
-from knee_contact_ros.bags.metadata_file import information, offered_qos, qos_of, to_yaml
-from knee_contact_ros.streams.topics import Record, definition, typestore
-from knee_contact_ros.system import output_files
-from knee_contact_ros.system.portable import CAN_RENAME_OPEN_FILES, sync_data
+from ..streams.topics import Record, definition, typestore
+from ..system import output_files
+from ..system.portable import CAN_RENAME_OPEN_FILES, sync_data
+from .metadata_file import information, offered_qos, qos_of, to_yaml
 
 RECORD_HEAD = Struct("<BQ")
 """Head of a record: opcode, and length [B] of the content, which follows"""

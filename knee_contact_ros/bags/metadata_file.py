@@ -1,7 +1,5 @@
 """`metadata.yaml`, the file that makes a folder a bag of rosbag2: what our recordings have in it."""
 
-from __future__ import annotations
-
 import io
 import os
 from collections import Counter
@@ -13,9 +11,9 @@ from typing import Any
 from mcap.records import Statistics
 from ruamel.yaml import YAML
 
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION
-from knee_contact_ros.system import output_files
-from knee_contact_ros.system.files import MAX_METADATA_SIZE, open_regular
+from ..streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION
+from ..system import output_files
+from ..system.files import MAX_METADATA_SIZE, open_regular
 
 METADATA = "metadata.yaml"
 """Name of the file"""

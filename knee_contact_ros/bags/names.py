@@ -1,14 +1,12 @@
 """Names of topics in a bag, which may differ from those in the node."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
-from knee_contact_ros.streams.topics import INPUTS
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import split_rule
+from ..parameters.sources import DYNAMIC_JOINT_STATES
+from ..streams.topics import INPUTS
+from ..system.errors import UsageError
+from ..system.files import split_rule
 
 Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""

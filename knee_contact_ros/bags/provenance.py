@@ -1,7 +1,5 @@
 """Provenance of a recording, stored in it, so that its answers can be computed again from it alone."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -9,15 +7,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import knee_contact_ros.model
-from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag import Bag, opened_bag
-from knee_contact_ros.bags.folder import files_digest
-from knee_contact_ros.bags.recorder import CONTINUED
-from knee_contact_ros.parameters.curves import curve_files, read_curve
-from knee_contact_ros.parameters.files import flat_parameters, load_parameters
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.output import (
+
+from .. import __version__
+from ..parameters.curves import curve_files, read_curve
+from ..parameters.files import flat_parameters, load_parameters
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import Parameters
+from ..streams.output import (
     ANSWERS_FLAGGED,
     LOAD_PROVENANCE,
     PROVENANCE,
@@ -25,7 +21,10 @@ from knee_contact_ros.streams.output import (
     TICK,
     RunState,
 )
-from knee_contact_ros.system.errors import UsageError
+from ..system.errors import UsageError
+from .bag import Bag, opened_bag
+from .folder import files_digest
+from .recorder import CONTINUED
 
 PARAMETERS_CHANGED = "parameters_changed"
 """Name of the metadata record of changed parameters in a running node"""

@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 from mcap.records import Statistics
 
-from knee_contact_ros.bags.mcap_writer import McapWriter
-from knee_contact_ros.bags.metadata_file import information, put_metadata
-from knee_contact_ros.streams.output import PROVENANCE, RecordedKnee, Sink
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, NANOSECONDS, RECORDED, Ending, Record
-from knee_contact_ros.system import output_files
-from knee_contact_ros.system.errors import UsageError
+from ..streams.output import PROVENANCE, RecordedKnee, Sink
+from ..streams.topics import MESSAGE_TYPES, NANOSECONDS, RECORDED, Ending, Record
+from ..system import output_files
+from ..system.errors import UsageError
+from .mcap_writer import McapWriter
+from .metadata_file import information, put_metadata
 
 REFUSED_SAMPLES = "refused_samples"
 """Name of the metadata record with the number of refused samples by reason"""

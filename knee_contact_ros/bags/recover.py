@@ -1,7 +1,5 @@
 """`knee-contact recover`: the readable content of a damaged MCAP file in a new, whole file."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -12,12 +10,12 @@ from typing import NamedTuple
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
-from knee_contact_ros.bags.folder import MCAP, kind_of
-from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.mcap_writer import CHUNK_SIZE, LIBRARY, ROSBAG2
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.output_files import check_not_input, is_being_written, rename_new
-from knee_contact_ros.system.progress import OnProgress, no_progress
+from ..system.errors import UsageError, join_faults
+from ..system.output_files import check_not_input, is_being_written, rename_new
+from ..system.progress import OnProgress, no_progress
+from .folder import MCAP, kind_of
+from .mcap_file import McapFile
+from .mcap_writer import CHUNK_SIZE, LIBRARY, ROSBAG2
 
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""

@@ -1,7 +1,5 @@
 """The messages of a sqlite3 file of a rosbag2 recording, and its faults; the format has no checksums."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections import Counter
 from collections.abc import Mapping
@@ -11,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.bags.bag_file import BagFile, Batch, Channel, Chunk
-from knee_contact_ros.bags.mcap_file import definition_of
-from knee_contact_ros.streams.columns import Column
-from knee_contact_ros.streams.topics import NO_DEFINITION
-from knee_contact_ros.system.errors import UsageError
+from ..streams.columns import Column
+from ..streams.topics import NO_DEFINITION
+from ..system.errors import UsageError
+from .bag_file import BagFile, Batch, Channel, Chunk
+from .mcap_file import definition_of
 
 CHUNK_ROWS = 1024
 """Number of rows that are read together"""

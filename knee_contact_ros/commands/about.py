@@ -1,7 +1,5 @@
 """What a report of a fault needs to know about an installation: `knee-contact about`."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re
@@ -12,9 +10,9 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros import __version__
-from knee_contact_ros.model.kernel import found_library
-from knee_contact_ros.system.files import PACKAGE
+from .. import __version__
+from ..model.kernel import found_library
+from ..system.files import PACKAGE
 
 WITHOUT_METADATA = ("click", "mcap", "numpy", "pydantic", "rosbags", "scipy")
 """What is looked for where colcon installed the package, which leaves no list of what it needs"""

@@ -8,8 +8,6 @@ subtracts it from the net moment, and load and contact, to which the companion l
 The results appear under their names when all is done; an interrupted demo leaves nothing behind.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -28,25 +26,22 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
-from knee_contact_ros.bags.answers import read_answers, read_bag
-from knee_contact_ros.bags.bag import Bag, RawMessage
-from knee_contact_ros.bags.names import OWN_NAMES
-from knee_contact_ros.commands.player import Command, Player
-from knee_contact_ros.commands.replay import Replayer
-from knee_contact_ros.commands.tables import count_text, show_summary
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.offline.bag_inputs import BagInputs
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.summary import read_summary
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.load_schema import ActuatedJoint, LoadParameters
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
-from knee_contact_ros.results import begin_of, stamp_text
-from knee_contact_ros.streams.contact_pipeline import ContactPipeline
-from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state, stamp_in
-from knee_contact_ros.streams.topics import (
+from ..bags.answers import read_answers, read_bag
+from ..bags.bag import Bag, RawMessage
+from ..bags.names import OWN_NAMES
+from ..model.knee import KneeModel
+from ..msg import KneeContact
+from ..offline.bag_inputs import BagInputs
+from ..offline.estimate_load import estimate_load
+from ..offline.solve import solve
+from ..offline.summary import read_summary
+from ..parameters.files import load_parameters
+from ..parameters.load_schema import ActuatedJoint, LoadParameters
+from ..parameters.schema import Parameters, has_two_compartments
+from ..results import begin_of, stamp_text
+from ..streams.contact_pipeline import ContactPipeline
+from ..streams.messages import decode_joint_state, encode_joint_state, stamp_in
+from ..streams.topics import (
     INPUTS,
     JOINT_REACTION_FORCE,
     KNEE_CONTACT,
@@ -58,21 +53,24 @@ from knee_contact_ros.streams.topics import (
     stamp_to_ns,
     types_of,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require, share_folder
-from knee_contact_ros.system.output_files import partial_name, replace, work_folder
-from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, private_graph
-from knee_contact_ros.system.terminal import as_json, say, warn
-from knee_contact_ros.view.output import (
+from ..system.errors import UsageError
+from ..system.files import require, share_folder
+from ..system.output_files import partial_name, replace, work_folder
+from ..system.processes import EXIT_PATIENCE, Child, child_process
+from ..system.progress import progress
+from ..system.ros import make_executor, one_line_ros_errors, private_graph
+from ..system.terminal import as_json, say, warn
+from ..view.output import (
     NOT_INSTALLED,
     find_viewer,
     has_display,
     run_viewer,
     viewer_command,
 )
-from knee_contact_ros.view.picture import draw_knee, png_figure
+from ..view.picture import draw_knee, png_figure
+from .player import Command, Player
+from .replay import Replayer
+from .tables import count_text, show_summary
 
 SENSOR_BAG = "gait2354_right_sensors"
 """Bundled bag with a leg's sensors"""

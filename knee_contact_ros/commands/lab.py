@@ -1,13 +1,16 @@
 """Commands of the laboratory: import-*, align, fit-profile, calibrate; sweep, sensitivity, trade; report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import click
 
-from knee_contact_ros.commands.options import (
+from ..system.errors import IncompleteError, UsageError
+from ..system.files import require
+from ..system.output_files import check_not_input, check_writable
+from ..system.progress import progress
+from ..system.terminal import say, warn
+from .options import (
     DEFAULT_PARAMETERS,
     FILE,
     BagNames,
@@ -27,11 +30,6 @@ from knee_contact_ros.commands.options import (
     path_option,
     to_metres,
 )
-from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import check_not_input, check_writable
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import say, warn
 
 anyway_option = click.option(
     "--anyway",
@@ -135,7 +133,7 @@ def import_opensim(**options: Any) -> None:
     clear, it says which option decides. The reaction must act on the tibia and be expressed in its frame. A left knee
     is mirrored to a right one.
     """
-    from knee_contact_ros.lab.opensim import run_import_opensim
+    from ..lab.opensim import run_import_opensim
 
     run_import_opensim(**options)
 
@@ -152,7 +150,7 @@ def import_csv(**options: Any) -> None:
     that has its columns. MAP.yaml says which column is what, and its unit. Values that no knee can have are refused in
     one line.
     """
-    from knee_contact_ros.lab.sensors import run_import_csv
+    from ..lab.sensors import run_import_csv
 
     run_import_csv(**options)
 
@@ -177,7 +175,7 @@ def align(**options: Any) -> None:
     It compares the angle of the map with its reference, in the files that import-csv reads. It writes
     knee.flexion_offset and pairing.angle_delay for --params, and warns of a wrong gain.
     """
-    from knee_contact_ros.lab.align import align as align_files
+    from ..lab.align import align as align_files
 
     align_files(**options)
 
@@ -256,7 +254,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, leg: str, **others: Any
     picture and a parameter file. MESH is an STL, PLY, OBJ, VTP or VTK file, points as text, or a label map (NIfTI,
     NRRD, MHA). It needs the extra mesh.
     """
-    from knee_contact_ros.lab.profiles import LABEL_WIDTH, ProfileOptions, run_fit_profile
+    from ..lab.profiles import LABEL_WIDTH, ProfileOptions, run_fit_profile
 
     others |= {"femur": side == "femur", "medial": compartment == "medial", "left": leg == "left"}
     options = ProfileOptions(mesh, **others)
@@ -319,7 +317,7 @@ def calibrate(
     It prints each value with its profile-likelihood interval and says which parameters trade off. It writes a parameter
     file; give it to --params after the other files. Intervals need the extra calibrate.
     """
-    from knee_contact_ros.lab.calibrate import bags_in, run_calibrate
+    from ..lab.calibrate import bags_in, run_calibrate
 
     files = given.files(None if bags_in(list(data)) else DEFAULT_PARAMETERS)
     run_calibrate(
@@ -356,8 +354,8 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     Parquet dataset. Run it again to continue a study that was stopped, or that has grown.
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
-    from knee_contact_ros.lab.study import run_study
-    from knee_contact_ros.lab.study_file import Study, read_study
+    from ..lab.study import run_study
+    from ..lab.study_file import Study, read_study
 
     run = run_study(read_study(study, Study), output, workers or 0, scheduler)
     say(f"table: {output} (pandas.read_parquet)")
@@ -375,7 +373,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     `sample`.
     """
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
-    from knee_contact_ros.lab.sensitivity_study import run_sensitivity
+    from ..lab.sensitivity_study import run_sensitivity
 
     run_sensitivity(study, output, workers or 0, scheduler)
 
@@ -411,11 +409,11 @@ def trade(
     compared with the tightest tolerance, the cost of a tick and the share of flagged ticks, and recommends a setting.
     If BAG is a recording of this package, its own parameters are used unless you give --params.
     """
-    from knee_contact_ros.bags.bag import Bag
-    from knee_contact_ros.bags.folder import files_of, others_beside
-    from knee_contact_ros.lab.trade import draw_trade, measure, show_trade
-    from knee_contact_ros.offline.bag_parameters import basis_of, resolved_parameters, weight_doubt
-    from knee_contact_ros.offline.notebooks import answers_of
+    from ..bags.bag import Bag
+    from ..bags.folder import files_of, others_beside
+    from ..lab.trade import draw_trade, measure, show_trade
+    from ..offline.bag_parameters import basis_of, resolved_parameters, weight_doubt
+    from ..offline.notebooks import answers_of
 
     require("trade", "matplotlib")
     check_writable(picture)
@@ -484,10 +482,10 @@ def report(
     files stand side by side. It needs the extra report.
     """
     require("report", "matplotlib", "jinja2", "pandas")
-    from knee_contact_ros.bags.folder import others_beside
-    from knee_contact_ros.lab.report import run_report
-    from knee_contact_ros.lab.report.runs import ReportOptions
-    from knee_contact_ros.parameters.files import values_set_in
+    from ..bags.folder import others_beside
+    from ..lab.report import run_report
+    from ..lab.report.runs import ReportOptions
+    from ..parameters.files import values_set_in
 
     values = given.values()
     sources: list[Path | dict[str, Any]] = [*given.files(), *([values] if values else [])]
@@ -542,9 +540,9 @@ def export(
     object with the model, the knee's constants, a test that your processor computes it rightly, and a README with the
     commands. A tick takes some microseconds, allocates nothing, and needs only libm.
     """
-    from knee_contact_ros.lab.export import export
-    from knee_contact_ros.parameters.files import load_parameters
-    from knee_contact_ros.system.terminal import say
+    from ..lab.export import export
+    from ..parameters.files import load_parameters
+    from ..system.terminal import say
 
     given = ParameterOptions(files, parameter_values)
     parameters = load_parameters([*given.files(), given.values()])

@@ -1,7 +1,5 @@
 """Commands that need ROS: demo, node, load, watch, replay."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -12,7 +10,10 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.commands.options import (
+from ..system.errors import UsageError
+from ..system.files import missing_middleware
+from ..system.terminal import warn
+from .options import (
     FILE,
     BagNames,
     ParameterOptions,
@@ -23,9 +24,6 @@ from knee_contact_ros.commands.options import (
     parameter_files_option,
     path_option,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import missing_middleware
-from knee_contact_ros.system.terminal import warn
 
 _ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
 """Environment variables by which the setup file of a ROS puts itself on the path"""
@@ -80,7 +78,7 @@ def demo(
         warn([f"{words}; the demo runs without it"])
         del os.environ["RMW_IMPLEMENTATION"]
     check_ros()
-    from knee_contact_ros.commands.demo import LOAD_FILE, run_demo
+    from .demo import LOAD_FILE, run_demo
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
@@ -154,7 +152,7 @@ class RosCommand(click.Command):
 
 def run_kinds(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
     """Run the nodes of some `kinds` until they end."""
-    from knee_contact_ros.node.managed_node import run_nodes
+    from ..node.managed_node import run_nodes
 
     if code := run_nodes(list(ros_arguments), kinds):
         sys.exit(code)
@@ -179,7 +177,7 @@ def node(ros_arguments: tuple[str, ...]) -> None:
 
     It takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
-    from knee_contact_ros.node.contact_node import CONTACT_NODE
+    from ..node.contact_node import CONTACT_NODE
 
     run_kinds(ros_arguments, [CONTACT_NODE])
 
@@ -202,7 +200,7 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. It takes
     ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
-    from knee_contact_ros.node.load_node import LOAD_NODE, load_and_contact
+    from ..node.load_node import LOAD_NODE, load_and_contact
 
     run_kinds(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
 
@@ -224,7 +222,7 @@ def watch(name: str, once: bool, as_json: bool, wait: float) -> None:
     picture stays in its place; elsewhere it is a line a second.
     """
     check_ros()
-    from knee_contact_ros.commands.watch import run_watch
+    from .watch import run_watch
 
     run_watch(name, once, as_json, wait)
 
@@ -276,9 +274,9 @@ def replay(bag: Path, in_bag: BagNames, sensors: bool, **timing: Any) -> None:
     rate.
     """
     check_ros(messages=False)
-    from knee_contact_ros.bags.folder import others_beside
-    from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
-    from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
+    from ..bags.folder import others_beside
+    from ..streams.topics import INPUTS, LOAD_INPUTS
+    from .replay import Timing, has_inputs, run_replay
 
     warn(others_beside(bag))
     inputs = LOAD_INPUTS if sensors else INPUTS

@@ -4,8 +4,6 @@ Bad input ends it with code 2 and one line, work that is done in part (a full di
 130. Commands that need a whole recording, such as `table`, refuse a damaged one with 2.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from io import TextIOWrapper
@@ -13,9 +11,9 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros import __version__
-from knee_contact_ros.commands import lab, live, offline
-from knee_contact_ros.system.errors import IncompleteError, UsageError, printable
+from .. import __version__
+from ..system.errors import IncompleteError, UsageError, printable
+from . import lab, live, offline
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT"""

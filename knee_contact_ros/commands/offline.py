@@ -1,7 +1,5 @@
 """Commands that need no ROS and no laboratory: solve, estimate-load, recover, view, table, cite, about."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,7 +8,13 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from knee_contact_ros.commands.options import (
+from ..system.errors import CommandError, IncompleteError, UsageError, join_faults
+from ..system.files import check_distinct, require
+from ..system.output_files import check_name_free, check_not_input, write_complete
+from ..system.portable import link_or_copy
+from ..system.progress import progress
+from ..system.terminal import as_json, print_json, say, warn
+from .options import (
     DEFAULT_PARAMETERS,
     FILE,
     BagNames,
@@ -25,12 +29,6 @@ from knee_contact_ros.commands.options import (
     parameter_options,
     path_option,
 )
-from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError, join_faults
-from knee_contact_ros.system.files import check_distinct, require
-from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
-from knee_contact_ros.system.portable import link_or_copy
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import as_json, print_json, say, warn
 
 _MAX_NAME_LENGTH = 80
 """Most letters in the name of several bags together"""
@@ -45,8 +43,8 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     Raises:
         UsageError: a bag is given twice or does not exist, or it is not clear which files belong to it.
     """
-    from knee_contact_ros.bags.folder import files_of
-    from knee_contact_ros.bags.metadata_file import METADATA
+    from ..bags.folder import files_of
+    from ..bags.metadata_file import METADATA
 
     if len(bags) == 1:
         yield bags[0]
@@ -102,18 +100,18 @@ def solve(
     package, its own parameters are used unless you give --params. If a bag is damaged, the command computes what it can
     read, says what is missing, and ends with code 1. Several bags, for example one from each machine, are read as one.
     """
-    from knee_contact_ros.bags.bag import Bag
-    from knee_contact_ros.bags.folder import others_beside
-    from knee_contact_ros.bags.provenance import Provenance
-    from knee_contact_ros.commands.tables import show_summary
-    from knee_contact_ros.offline.bag_parameters import (
+    from ..bags.bag import Bag
+    from ..bags.folder import others_beside
+    from ..bags.provenance import Provenance
+    from ..offline.bag_parameters import (
         basis_of,
         resolved_parameters,
         weight_doubt,
         weight_row,
     )
-    from knee_contact_ros.offline.solve import solve as solve_bag
-    from knee_contact_ros.parameters.subjects import Subject
+    from ..offline.solve import solve as solve_bag
+    from ..parameters.subjects import Subject
+    from .tables import show_summary
 
     person = Subject(subject) if subject else None
     bags = bags or ((person.bag,) if person and person.bag else ())
@@ -166,13 +164,13 @@ def estimate_load(
     /joint_reaction_force and /load_estimate, with the same numbers as the node's. Next, run `knee-contact solve
     OUT.mcap`. For research only: muscles are not measured.
     """
-    from knee_contact_ros.bags.bag import Bag
-    from knee_contact_ros.bags.folder import others_beside
-    from knee_contact_ros.commands.tables import show_load
-    from knee_contact_ros.offline.bag_parameters import unset_person, weight_doubt
-    from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-    from knee_contact_ros.offline.estimate_load import load_parameters_for
-    from knee_contact_ros.streams.topics import LOAD_INPUTS
+    from ..bags.bag import Bag
+    from ..bags.folder import others_beside
+    from ..offline.bag_parameters import unset_person, weight_doubt
+    from ..offline.estimate_load import estimate_load as estimate
+    from ..offline.estimate_load import load_parameters_for
+    from ..streams.topics import LOAD_INPUTS
+    from .tables import show_load
 
     with Bag(bag) as opened:
         in_bag = in_bag.found_in(opened, *LOAD_INPUTS)
@@ -205,8 +203,8 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     It writes what it can read of the MCAP file IN to OUT.mcap, and says what is missing. IN is not changed. An
     unfinished recording of this package ends in .mcap.partial.
     """
-    from knee_contact_ros.bags.recover import recover as recover_file
-    from knee_contact_ros.commands.tables import show_recovery
+    from ..bags.recover import recover as recover_file
+    from .tables import show_recovery
 
     with progress("Recovering") as advance:
         recovery = recover_file(source, output, advance, overwrite)
@@ -243,13 +241,13 @@ def view(
     drawn with its own parameters, any other file with those of --params. Several knees stand side by side. FILE can
     also be a Rerun file, or the address that a node (rerun.mode serve) or --serve prints.
     """
-    from knee_contact_ros.view.output import require_viewer
+    from ..view.output import require_viewer
 
     for source in sources:
         if "://" not in source:
             input_path(source)
     require_viewer()  # before what imports its library
-    from knee_contact_ros.commands.view import run_view
+    from .view import run_view
 
     run_view(sources, given, save, overwrite, serve, port)
 
@@ -277,11 +275,11 @@ def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
     vector has its own column. If there are several topics (knees, compartments), they follow each other and a column
     names them. BAG is a recording, or the output of `solve`.
     """
-    from knee_contact_ros.bags.answers import answer_topics, read_answers
-    from knee_contact_ros.bags.bag import Bag
-    from knee_contact_ros.bags.folder import files_of
-    from knee_contact_ros.bags.names import absolute
-    from knee_contact_ros.results import answer_table
+    from ..bags.answers import answer_topics, read_answers
+    from ..bags.bag import Bag
+    from ..bags.folder import files_of
+    from ..bags.names import absolute
+    from ..results import answer_table
 
     check_not_input(output, files_of(bag))
     if not overwrite:
@@ -311,8 +309,8 @@ def cite(bag: Path) -> None:
     These are software, model, contact law, surfaces and load, with constants and sources. BAG is a recording, the
     output of `solve` or `estimate-load`, or an imported bag. The page "Write your methods" has sentences for a paper.
     """
-    from knee_contact_ros.bags.bag import Bag
-    from knee_contact_ros.offline.citation import citation
+    from ..bags.bag import Bag
+    from ..offline.citation import citation
 
     with Bag(bag) as opened:
         parts = citation(opened)
@@ -329,6 +327,6 @@ def cite(bag: Path) -> None:
 @click.command()
 def about() -> None:
     """Tell the system, the versions and what is compiled, for a report of a fault."""
-    from knee_contact_ros.commands.about import print_about
+    from .about import print_about
 
     print_about()

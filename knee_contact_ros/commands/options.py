@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
-from knee_contact_ros.system import files
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import check_output
-from knee_contact_ros.system.terminal import JSON
+from ..system import files
+from ..system.errors import UsageError
+from ..system.output_files import check_output
+from ..system.terminal import JSON
 
 if TYPE_CHECKING:
-    from knee_contact_ros.bags.bag import Bag
-    from knee_contact_ros.bags.names import Names
+    from ..bags.bag import Bag
+    from ..bags.names import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -170,7 +170,7 @@ class ParameterOptions(NamedTuple):
         Raises:
             UsageError: one of them is not a value; see `parameters_of`.
         """
-        from knee_contact_ros.system.ros_files import parameters_of
+        from ..system.ros_files import parameters_of
 
         return parameters_of(self.parameter_values)
 
@@ -183,7 +183,7 @@ class BagNames(NamedTuple):
 
     def found_in(self, bag: Bag, *inputs: str) -> BagNames:
         """Return these names, with the only namespace of the `inputs` in a bag where no option says anything."""
-        from knee_contact_ros.bags.names import only_namespace
+        from ..bags.names import only_namespace
 
         if self.remaps or self.namespace:
             return self
@@ -195,7 +195,7 @@ class BagNames(NamedTuple):
         Raises:
             UsageError: a rule is malformed; see `names_in_bag`.
         """
-        from knee_contact_ros.bags.names import names_in_bag
+        from ..bags.names import names_in_bag
 
         return names_in_bag(*self, *([inputs] if inputs else []))
 

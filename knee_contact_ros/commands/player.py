@@ -1,7 +1,5 @@
 """Gives the messages of a bag when they are due, obeys keys, and measures how late each was. Needs no ROS."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque
@@ -9,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from knee_contact_ros.bags.bag import RawMessage
-from knee_contact_ros.streams.messages import stamp_in
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.terminal import say
+from ..bags.bag import RawMessage
+from ..streams.messages import stamp_in
+from ..streams.topics import NANOSECONDS
+from ..system.terminal import say
 
 
 class Command(Enum):

@@ -1,7 +1,5 @@
 """`knee-contact replay`: publish a bag's input topics in time over ROS 2 topics, as `ros2 bag play` does."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Sequence
@@ -22,23 +20,23 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
-from knee_contact_ros.bags.bag import Bag, RawMessage, TopicReader
-from knee_contact_ros.bags.names import OWN_NAMES, Names, absolute
-from knee_contact_ros.commands.player import (
+from ..bags.bag import Bag, RawMessage, TopicReader
+from ..bags.names import OWN_NAMES, Names, absolute
+from ..offline.bag_inputs import transform_messages
+from ..streams.frames import TF_STATIC
+from ..streams.topics import INPUTS, JOINT_STATES, NANOSECONDS, types_of
+from ..system.errors import UsageError, join_faults
+from ..system.keyboard import Keyboard, has_terminal
+from ..system.processes import unwinding_on_signals
+from ..system.progress import progress
+from ..system.ros import one_line_ros_errors
+from ..system.terminal import say
+from .player import (
     HELP,
     Lateness,
     Player,
     commands_of,
 )
-from knee_contact_ros.offline.bag_inputs import transform_messages
-from knee_contact_ros.streams.frames import TF_STATIC
-from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, NANOSECONDS, types_of
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.keyboard import Keyboard, has_terminal
-from knee_contact_ros.system.processes import unwinding_on_signals
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.ros import one_line_ros_errors
-from knee_contact_ros.system.terminal import say
 
 _QOS = QoSProfile(depth=1000)
 _LATCHED_QOS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

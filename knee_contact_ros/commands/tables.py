@@ -1,7 +1,5 @@
 """The tables that `solve`, `demo`, `estimate-load` and `recover` print."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import reduce
@@ -14,14 +12,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from knee_contact_ros.bags.recover import Recovery
-from knee_contact_ros.model.types import MM, Status
-from knee_contact_ros.offline.estimate_load import LoadSummary
-from knee_contact_ros.offline.summary import Moment, Summary
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.results import begin_of, stamp_text
-from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
-from knee_contact_ros.system.terminal import (
+from ..bags.recover import Recovery
+from ..model.types import MM, Status
+from ..offline.estimate_load import LoadSummary
+from ..offline.summary import Moment, Summary
+from ..parameters.load_schema import LoadParameters
+from ..results import begin_of, stamp_text
+from ..streams.topics import LATERAL, MEDIAL, NANOSECONDS
+from ..system.terminal import (
     UNBOUNDED,
     WIDTH,
     as_json,

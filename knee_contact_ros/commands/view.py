@@ -1,7 +1,5 @@
 """`knee-contact view`: recordings in Rerun, as they would have been seen live."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -14,21 +12,20 @@ from urllib.parse import quote
 
 import click
 
-from knee_contact_ros.bags.answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.folder import others_beside
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
-from knee_contact_ros.commands.options import ParameterOptions
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import Rows
-from knee_contact_ros.offline.held_answers import doubt_of
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.compartments import compartment_of_topic
-from knee_contact_ros.streams.topics import (
+from ..bags.answers import answer_blocks, answer_topics
+from ..bags.bag import Bag
+from ..bags.folder import others_beside
+from ..bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
+from ..model.knee import KneeModel
+from ..model.types import Rows
+from ..offline.held_answers import doubt_of
+from ..offline.solve import solve
+from ..parameters.build import build_model
+from ..parameters.curves import curve_texts
+from ..parameters.files import load_parameters
+from ..parameters.schema import Parameters
+from ..streams.compartments import compartment_of_topic
+from ..streams.topics import (
     KNEE,
     LATERAL,
     MEDIAL,
@@ -36,14 +33,14 @@ from knee_contact_ros.streams.topics import (
     is_lateral,
     knee_name,
 )
-from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.files import check_distinct
-from knee_contact_ros.system.output_files import check_name_free, check_not_input
-from knee_contact_ros.system.processes import LOCALHOST, check_port_free, interrupted_by_sigterm
-from knee_contact_ros.system.progress import OnProgress, progress
-from knee_contact_ros.system.terminal import say, warn
-from knee_contact_ros.view.anatomy import KneeOutlines, outlines_of_compartments
-from knee_contact_ros.view.output import (
+from ..system.errors import IncompleteError, UsageError
+from ..system.files import check_distinct
+from ..system.output_files import check_name_free, check_not_input
+from ..system.processes import LOCALHOST, check_port_free, interrupted_by_sigterm
+from ..system.progress import OnProgress, progress
+from ..system.terminal import say, warn
+from ..view.anatomy import KneeOutlines, outlines_of_compartments
+from ..view.output import (
     RerunFile,
     connect_command,
     require_display,
@@ -51,7 +48,8 @@ from knee_contact_ros.view.output import (
     server_address,
     viewer_command,
 )
-from knee_contact_ros.view.scene import PictureChoice, Scene
+from ..view.scene import PictureChoice, Scene
+from .options import ParameterOptions
 
 _SERVED = ("rerun+", "http://")
 """Beginnings of the address of a scene that a node or `--serve` serves"""

@@ -1,7 +1,5 @@
 """What a live node hears and says: found in the ROS graph, and shown on a terminal that stays still, or as JSON."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -19,13 +17,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.model.types import MM, NANOSECOND, UNUSABLE, ContactState, Status
-from knee_contact_ros.msg import KneeContact, LoadEstimate
-from knee_contact_ros.streams.topics import is_lateral
-from knee_contact_ros.system.errors import IncompleteError, UsageError, printable, suggest
-from knee_contact_ros.system.processes import unwinding_on_signals
-from knee_contact_ros.system.ros import make_executor, one_line_ros_errors
-from knee_contact_ros.system.terminal import say
+from ..model.types import MM, NANOSECOND, UNUSABLE, ContactState, Status
+from ..msg import KneeContact, LoadEstimate
+from ..streams.topics import is_lateral
+from ..system.errors import IncompleteError, UsageError, printable, suggest
+from ..system.processes import unwinding_on_signals
+from ..system.ros import make_executor, one_line_ros_errors
+from ..system.terminal import say
 
 ANSWERS = {
     "knee_contact_ros/msg/KneeContact": KneeContact,

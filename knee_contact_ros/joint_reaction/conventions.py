@@ -5,12 +5,10 @@ it pushes under the foot, which is ahead of the ankle. Another convention breaks
 it: an angle of the hip against the pelvis makes 3.6 body weights of 2.6.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
-from knee_contact_ros.joint_reaction.leg import Ground, Joints
+from .leg import Ground, Joints
 
 _STANDS = 0.5
 """Ground force [body weights] above which the foot is level, and its centre of pressure known"""

@@ -1,14 +1,12 @@
 """Estimate the joint reaction of a knee from the leg's sensors, sample by sample."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple, get_type_hints
 
-from knee_contact_ros.joint_reaction.leg import (
+from .leg import (
     GRAVITY,
     NOT_MEASURED,
     Ground,
@@ -19,13 +17,13 @@ from knee_contact_ros.joint_reaction.leg import (
     leg_of,
     net_moments,
 )
-from knee_contact_ros.joint_reaction.muscles import (
+from .muscles import (
     ActivationLag,
     MuscledReaction,
     Person,
     reaction_of,
 )
-from knee_contact_ros.joint_reaction.walking import (
+from .walking import (
     MEASURED_LOADS,
     NOT_WALKING,
     Movement,

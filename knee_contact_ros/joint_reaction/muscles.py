@@ -13,12 +13,10 @@ RMS errors of the fit: 1.1, 0.2, 0.7 and 0.1 mm; `python -m studies.moment_arms 
 tenth or more.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.leg import (
+from .leg import (
     GRAVITY,
     NOT_MEASURED,
     SECONDS_PER_NANOSECOND,

@@ -5,11 +5,9 @@ stride tells it as well. Their errors are different ones, so the mean of both is
 (docs/explanation/validation.md).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.leg import SECONDS_PER_NANOSECOND
+from .leg import SECONDS_PER_NANOSECOND
 
 _LOADED = 0.3
 """Ground force [body weights] above which a knee is loaded"""

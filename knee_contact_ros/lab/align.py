@@ -7,8 +7,6 @@ second gives the intervals: it leaves each stretch out once, and the spread of t
 nothing about errors within a stride (Miller 1974, The jackknife - a review, Biometrika 61:1).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,17 +17,17 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from knee_contact_ros.lab import checks
-from knee_contact_ros.lab.sensors import AngleChannel, read_channels, read_map
-from knee_contact_ros.lab.tables import TimeSeries
-from knee_contact_ros.lab.units import unit_factor
-from knee_contact_ros.model.types import Floats, Indices
-from knee_contact_ros.parameters.files import parameter_text
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
-from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
+from ..model.types import Floats, Indices
+from ..parameters.files import parameter_text
+from ..parameters.schema import Parameters
+from ..streams.topics import NANOSECONDS
+from ..system.errors import UsageError
+from ..system.output_files import check_name_free, check_not_input, write_complete
+from ..system.terminal import safe_cell, say, show_table, warn
+from . import checks
+from .sensors import AngleChannel, read_channels, read_map
+from .tables import TimeSeries
+from .units import unit_factor
 
 STRETCH = 1.0
 """Duration of a stretch that the jackknife leaves out [s]: about a stride"""

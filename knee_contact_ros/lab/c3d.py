@@ -1,17 +1,15 @@
 """C3D files of motion capture as tables: points, analog channels at the times of the points, and their units."""
 
-from __future__ import annotations
-
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.lab.headers import Header
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require
+from ..model.types import Floats
+from ..system.errors import UsageError
+from ..system.files import require
+from .headers import Header
 
 _KINDS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Parameters of the group POINT that list what a program computed; each has its unit, such as ANGLE_UNITS"""

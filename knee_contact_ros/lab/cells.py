@@ -1,7 +1,5 @@
 """What a cell of a text table says: a number in any country's form, a missing one, or a time of day."""
 
-from __future__ import annotations
-
 import math
 import re
 from datetime import date

@@ -5,15 +5,13 @@ they contain: an `impossible` value is never imported, and one that raises `doub
 insists. Both come as sentences, which `outside` writes.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.conventions import LegCheck
-from knee_contact_ros.joint_reaction.estimator import (
+from ..joint_reaction.conventions import LegCheck
+from ..joint_reaction.estimator import (
     MAX_LOAD_PEAK,
     MAX_PULL,
     MIN_BODY_WEIGHT,
@@ -21,25 +19,25 @@ from knee_contact_ros.joint_reaction.estimator import (
     MIN_RANGE_OF_MOTION,
     body_weight_doubt,
 )
-from knee_contact_ros.joint_reaction.leg import Ground, Joints
-from knee_contact_ros.lab.gait_bag import Gait
-from knee_contact_ros.lab.tables import Table, TimeSeries
-from knee_contact_ros.lab.units import (
-    BODY_WEIGHTS,
-    PERCENT_BODY_WEIGHT,
-    TYPICAL_BODY_WEIGHT,
-    unit_factor,
-)
-from knee_contact_ros.model.inputs import (
+from ..joint_reaction.leg import Ground, Joints
+from ..model.inputs import (
     CLEAR_RATIO,
     MAX_RANGE_OF_MOTION,
     STEP_FLEXION,
     InputCheck,
 )
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from ..model.knee import LARGEST_ANGLE, LARGEST_LOAD
+from ..model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
+from ..streams.topics import NANOSECONDS
+from ..system.errors import UsageError
+from .gait_bag import Gait
+from .tables import Table, TimeSeries
+from .units import (
+    BODY_WEIGHTS,
+    PERCENT_BODY_WEIGHT,
+    TYPICAL_BODY_WEIGHT,
+    unit_factor,
+)
 
 Limits = tuple[float, float]
 """Smallest and largest plausible value"""

@@ -15,24 +15,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag import DOUBTS, ORIGIN
-from knee_contact_ros.bags.folder import MCAP, folder_content
-from knee_contact_ros.bags.metadata_file import METADATA
-from knee_contact_ros.bags.recorder import BagWriter
-from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.streams import topics
-from knee_contact_ros.streams.messages import (
+from .. import __version__
+from ..bags.bag import DOUBTS, ORIGIN
+from ..bags.folder import MCAP, folder_content
+from ..bags.metadata_file import METADATA
+from ..bags.recorder import BagWriter
+from ..model.types import Floats, Stamps
+from ..streams import topics
+from ..streams.messages import (
     JointState,
     WrenchStamped,
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import sha256_of
-from knee_contact_ros.system.output_files import replace
-from knee_contact_ros.system.terminal import safe_cell, say, show_pairs, warn
+from ..streams.topics import NANOSECONDS
+from ..system.errors import UsageError
+from ..system.files import sha256_of
+from ..system.output_files import replace
+from ..system.terminal import safe_cell, say, show_pairs, warn
 
 JOINT = "knee"
 """Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""

@@ -4,8 +4,6 @@ A storage file has a header that ends with `endheader`, a line of column names, 
 columns by commas, semicolons, tabs or spaces, and have more lines above and below the names.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io
@@ -17,12 +15,12 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from knee_contact_ros.lab.cells import is_number
-from knee_contact_ros.lab.units import ColumnName
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.sections import Section, one_of
-from knee_contact_ros.system.errors import UsageError, list_names, suggest
-from knee_contact_ros.system.files import open_regular, require
+from ..model.types import Floats
+from ..parameters.sections import Section, one_of
+from ..system.errors import UsageError, list_names, suggest
+from ..system.files import open_regular, require
+from .cells import is_number
+from .units import ColumnName
 
 PARQUET_SUFFIXES = {".parquet", ".pq"}
 _WRITE = "pandas.DataFrame({'time': ..., 'knee': ...}).to_csv('trial.csv', index=False)"
@@ -145,7 +143,7 @@ def header_of(path: Path, wanted: Collection[ColumnName], table_format: TableFor
     if suffix in {".sto", ".mot"}:
         return storage_header(path)
     if suffix == ".c3d":
-        from knee_contact_ros.lab.c3d import c3d_header
+        from .c3d import c3d_header
 
         return c3d_header(path)
     if suffix in PARQUET_SUFFIXES:

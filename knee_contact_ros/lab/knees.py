@@ -1,7 +1,5 @@
 """Many knees through the same gait, in memory: their models and answers."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,24 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.lab.outcomes import OUTCOME_RECORD, outcomes_of
-from knee_contact_ros.lab.recordings import Recording
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
-from knee_contact_ros.model.ringing import LEAST_PART
-from knee_contact_ros.model.surfaces import ContactPair
-from knee_contact_ros.model.types import ROW, Floats, Rows, Status
-from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
-from knee_contact_ros.parameters.curves import curve_files, lateral_texts, read_curve
-from knee_contact_ros.parameters.files import known_parameters, variations_of
-from knee_contact_ros.parameters.schema import (
+from ..model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
+from ..model.ringing import LEAST_PART
+from ..model.surfaces import ContactPair
+from ..model.types import ROW, Floats, Rows, Status
+from ..parameters.build import build_model, contact_pair, load_rule
+from ..parameters.curves import curve_files, lateral_texts, read_curve
+from ..parameters.files import known_parameters, variations_of
+from ..parameters.schema import (
     Parameters,
     has_two_compartments,
     lateral_knee,
     without_effect,
 )
-from knee_contact_ros.streams.compartments import half_spacing, move_along_z
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.portable import usable_processors
+from ..streams.compartments import half_spacing, move_along_z
+from ..system.errors import UsageError
+from ..system.portable import usable_processors
+from .outcomes import OUTCOME_RECORD, outcomes_of
+from .recordings import Recording
 
 _CONTACT = "contact."
 CACHE_SIZE = 64

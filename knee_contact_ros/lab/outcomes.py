@@ -1,16 +1,14 @@
 """Outcomes of a knee in a gait: peaks, impulses, times and distances, from its answers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.laws import ContactLaw
-from knee_contact_ros.model.readouts import ContactPatch
-from knee_contact_ros.model.types import NANOSECOND, ContactState, Floats, Rows, Status
-from knee_contact_ros.streams.gait_events import GAP
+from ..model.laws import ContactLaw
+from ..model.readouts import ContactPatch
+from ..model.types import NANOSECOND, ContactState, Floats, Rows, Status
+from ..streams.gait_events import GAP
 
 LATERAL_OUTCOME = "lateral_"
 """Beginning of the names of the outcomes of the lateral compartment"""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knee_contact_ros.system.errors import UsageError
+from ..system.errors import UsageError
 
 if TYPE_CHECKING:
     import pandas as pd

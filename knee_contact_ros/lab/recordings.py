@@ -1,26 +1,24 @@
 """Inputs of all ticks of a gait, read from a bag or made from arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.names import OWN_NAMES, Names
-from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.model.inputs import InputCheck
-from knee_contact_ros.model.types import NANOSECOND, Floats, Rows, Status
-from knee_contact_ros.offline.bag_parameters import resolved_parameters
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.solve_blocks import AnswerBlock
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.output import PROVENANCE
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS
-from knee_contact_ros.system.progress import OnProgress, no_progress
+from ..bags.bag import Bag
+from ..bags.names import OWN_NAMES, Names
+from ..bags.provenance import Provenance
+from ..model.inputs import InputCheck
+from ..model.types import NANOSECOND, Floats, Rows, Status
+from ..offline.bag_parameters import resolved_parameters
+from ..offline.solve import solve
+from ..offline.solve_blocks import AnswerBlock
+from ..parameters.schema import Parameters
+from ..streams.output import PROVENANCE
+from ..system.errors import UsageError
+from ..system.files import DEFAULT_PARAMETERS
+from ..system.progress import OnProgress, no_progress
 
 
 class Recording(NamedTuple):

@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
-from knee_contact_ros.lab.study_file import Design, SpacedValues
-from knee_contact_ros.lab.sweep import Cohort, sweep
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.offline.notebooks import Name
-from knee_contact_ros.parameters.files import ParameterSource
-from knee_contact_ros.parameters.sections import first_error
-from knee_contact_ros.results import missing_attribute
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS
+from ..model.types import Floats
+from ..offline.notebooks import Name
+from ..parameters.files import ParameterSource
+from ..parameters.sections import first_error
+from ..results import missing_attribute
+from ..system.errors import UsageError
+from ..system.files import DEFAULT_PARAMETERS
+from .outcomes import LATERAL_OUTCOME, OUTCOMES
+from .study_file import Design, SpacedValues
+from .sweep import Cohort, sweep
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,8 +10,6 @@ A study file is that of a sweep, with `sensitivity` instead of `sample`:
     outcomes:    [peak_depth, peak_pressure, bone_time]
 """
 
-from __future__ import annotations
-
 import io
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -21,7 +19,10 @@ from typing import Any, NamedTuple
 
 from pydantic import field_validator
 
-from knee_contact_ros.lab.sensitivity import (
+from ..system.errors import IncompleteError
+from ..system.progress import progress
+from ..system.terminal import say
+from .sensitivity import (
     DEFAULT_OUTCOMES,
     ERROR_BOUNDS,
     INDEX_COLUMNS,
@@ -35,13 +36,10 @@ from knee_contact_ros.lab.sensitivity import (
     joined_table,
     not_converged,
 )
-from knee_contact_ros.lab.shards import ShardFolder
-from knee_contact_ros.lab.study import run_study
-from knee_contact_ros.lab.study_cases import groups_of
-from knee_contact_ros.lab.study_file import Study, read_study
-from knee_contact_ros.system.errors import IncompleteError
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import say
+from .shards import ShardFolder
+from .study import run_study
+from .study_cases import groups_of
+from .study_file import Study, read_study
 
 DOUBTFUL_COLUMNS = {
     "not_converged": "missed a tolerance",

@@ -10,23 +10,23 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from knee_contact_ros.lab import checks, gait_bag
-from knee_contact_ros.lab.cells import DAY
-from knee_contact_ros.lab.gait_bag import Gait, Signal
-from knee_contact_ros.lab.headers import Header, TableFormat, header_of
-from knee_contact_ros.lab.tables import Table, TimeColumn, TimeSeries, is_time, read_columns
-from knee_contact_ros.lab.units import (
+from ..parameters.sections import Section, first_error, one_of
+from ..streams.topics import NANOSECONDS
+from ..system.errors import UsageError, list_names, suggest
+from ..system.files import find_file, read_mapping
+from ..system.output_files import work_folder
+from . import checks, gait_bag
+from .cells import DAY
+from .gait_bag import Gait, Signal
+from .headers import Header, TableFormat, header_of
+from .tables import Table, TimeColumn, TimeSeries, is_time, read_columns
+from .units import (
     ColumnName,
     Dimension,
     check_unit,
     unit_factor,
     unit_name,
 )
-from knee_contact_ros.parameters.sections import Section, first_error, one_of
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError, list_names, suggest
-from knee_contact_ros.system.files import find_file, read_mapping
-from knee_contact_ros.system.output_files import work_folder
 
 _GROUND_CHANNELS = (
     "ground_force_x",

@@ -4,8 +4,6 @@ A shard is named by its cases and appears when it is complete. Names of incomple
 answers, begin with an underscore, which readers of datasets skip.
 """
 
-from __future__ import annotations
-
 import errno
 import re
 from collections.abc import Iterator
@@ -13,8 +11,8 @@ from contextlib import contextmanager, suppress
 from pathlib import PurePosixPath
 from typing import Any
 
-from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError
-from knee_contact_ros.system.files import expand_user
+from ..system.errors import CommandError, IncompleteError, UsageError
+from ..system.files import expand_user
 
 SERIES_FOLDER = "_series"
 """Folder of all answers, in a study's folder"""

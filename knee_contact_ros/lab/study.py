@@ -3,16 +3,19 @@
 Workers read bags and send tables back; only the client writes. Every block becomes a Parquet file of the output folder.
 """
 
-from __future__ import annotations
-
 import itertools
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple
 
-from knee_contact_ros.lab.shards import SERIES_FOLDER, ShardFolder, brief_reason
-from knee_contact_ros.lab.study_cases import (
+from ..model.ringing import ringing_sentence
+from ..system.errors import CommandError, IncompleteError, UsageError
+from ..system.processes import ignoring_interrupts
+from ..system.progress import progress
+from ..system.terminal import say, warn
+from .shards import SERIES_FOLDER, ShardFolder, brief_reason
+from .study_cases import (
     BlockResult,
     CaseBlock,
     blocks_of,
@@ -20,12 +23,7 @@ from knee_contact_ros.lab.study_cases import (
     groups_of,
     short_digest,
 )
-from knee_contact_ros.lab.study_file import Study
-from knee_contact_ros.model.ringing import ringing_sentence
-from knee_contact_ros.system.errors import CommandError, IncompleteError, UsageError
-from knee_contact_ros.system.processes import ignoring_interrupts
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import say, warn
+from .study_file import Study
 
 SCHEDULER_TIMEOUT = 10.0
 """Time [s] that a scheduler has to answer"""

@@ -18,10 +18,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.folder import bag_digest
-from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, model_digest
-from knee_contact_ros.lab.knees import (
+from ..bags.bag import Bag
+from ..bags.folder import bag_digest
+from ..bags.provenance import NOT_OF_THE_RESULT, model_digest
+from ..model.types import FLAT, MESSAGE_FIELDS
+from ..offline.bag_parameters import with_body_weight
+from ..parameters.files import all_values, variations_of
+from ..parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
+from ..system.errors import UsageError, join_faults
+from ..system.files import expand_user
+from .knees import (
     VARIABLE_PREFIXES,
     Computed,
     Knees,
@@ -29,16 +35,10 @@ from knee_contact_ros.lab.knees import (
     file_texts,
     idle_doubt,
 )
-from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOME_RECORD
-from knee_contact_ros.lab.recordings import read_recording, recorded_doubt
-from knee_contact_ros.lab.shards import brief_reason, is_address
-from knee_contact_ros.lab.study_file import Study
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
-from knee_contact_ros.offline.bag_parameters import with_body_weight
-from knee_contact_ros.parameters.files import all_values, variations_of
-from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.files import expand_user
+from .outcomes import LATERAL_OUTCOME, OUTCOME_RECORD
+from .recordings import read_recording, recorded_doubt
+from .shards import brief_reason, is_address
+from .study_file import Study
 
 if TYPE_CHECKING:
     import pandas as pd

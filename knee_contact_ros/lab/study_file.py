@@ -34,17 +34,17 @@ from pydantic import (
     model_validator,
 )
 
-from knee_contact_ros.lab.knees import check_may_vary
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.files import (
+from ..model.types import Floats
+from ..parameters.files import (
     check_value,
     dotted,
     known_parameters,
 )
-from knee_contact_ros.parameters.sections import first_error
-from knee_contact_ros.parameters.subjects import Subject
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import read_mapping
+from ..parameters.sections import first_error
+from ..parameters.subjects import Subject
+from ..system.errors import UsageError
+from ..system.files import read_mapping
+from .knees import check_may_vary
 
 StudyKind = TypeVar("StudyKind", bound="Study")
 MAX_CASES = 10_000_000

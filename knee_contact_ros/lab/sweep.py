@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.names import names_in_bag
-from knee_contact_ros.lab.knees import Knees, check_may_vary, compute, file_texts, idle_doubt
-from knee_contact_ros.lab.outcomes import LATERAL_OUTCOME, OUTCOMES
-from knee_contact_ros.lab.recordings import read_recording, recorded_doubt, recording_from_arrays
-from knee_contact_ros.model.ringing import ringing_sentence
-from knee_contact_ros.offline.bag_parameters import parameters_for
-from knee_contact_ros.offline.notebooks import Name, in_python_words, remap_rules, warn_of
-from knee_contact_ros.parameters.files import (
+from ..bags.bag import Bag
+from ..bags.names import names_in_bag
+from ..model.ringing import ringing_sentence
+from ..offline.bag_parameters import parameters_for
+from ..offline.notebooks import Name, in_python_words, remap_rules, warn_of
+from ..parameters.files import (
     ParameterSource,
     check_value,
     dotted,
     load_parameters,
 )
-from knee_contact_ros.results import Records, missing_attribute
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user
+from ..results import Records, missing_attribute
+from ..system.errors import UsageError
+from ..system.files import DEFAULT_PARAMETERS, expand_user
+from .knees import Knees, check_may_vary, compute, file_texts, idle_doubt
+from .outcomes import LATERAL_OUTCOME, OUTCOMES
+from .recordings import read_recording, recorded_doubt, recording_from_arrays
 
 if TYPE_CHECKING:
     import pandas as pd

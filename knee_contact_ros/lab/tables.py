@@ -19,8 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from knee_contact_ros.lab.cells import GROUPED, TIME_OF_DAY, Clock, is_number, parse_number
-from knee_contact_ros.lab.headers import (
+from ..model.types import Floats, Stamps
+from ..parameters.sections import Section
+from ..streams.topics import NANOSECONDS
+from ..system.errors import UsageError
+from .cells import GROUPED, TIME_OF_DAY, Clock, is_number, parse_number
+from .headers import (
     COMMENT,
     END_OF_HEADER,
     PARQUET_SUFFIXES,
@@ -30,11 +34,7 @@ from knee_contact_ros.lab.headers import (
     storage_header,
     unreadable,
 )
-from knee_contact_ros.lab.units import UNIT_FACTORS, ColumnName, check_unit, unit_factor, unit_name
-from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.parameters.sections import Section
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from .units import UNIT_FACTORS, ColumnName, check_unit, unit_factor, unit_name
 
 _LAST_TIME = 2**31
 """First time [s] that a ROS stamp cannot hold"""

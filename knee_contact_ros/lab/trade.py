@@ -4,8 +4,6 @@ The reference is the same model at `dynamic` and `REFERENCE_TOLERANCE`, so the e
 alone. They do not show what the model leaves out; docs/explanation/accuracy.md compares it with other codes.
 """
 
-from __future__ import annotations
-
 import io
 import time
 from dataclasses import replace
@@ -18,13 +16,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.model.types import Rows, Status
-from knee_contact_ros.results import Results
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import write_complete
-from knee_contact_ros.system.progress import OnProgress, no_progress
-from knee_contact_ros.system.terminal import WIDTH, as_json, print_json, safe_cell, say
+from ..model.ticks import LEVELS
+from ..model.types import Rows, Status
+from ..results import Results
+from ..system.errors import UsageError
+from ..system.output_files import write_complete
+from ..system.progress import OnProgress, no_progress
+from ..system.terminal import WIDTH, as_json, print_json, safe_cell, say
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""

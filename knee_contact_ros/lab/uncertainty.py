@@ -18,21 +18,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.names import OWN_NAMES, Names
-from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.lab.knees import INPUT_PARAMETERS, Knees, compute
-from knee_contact_ros.lab.recordings import Recording, read_recording
-from knee_contact_ros.model.types import Floats, Rows
-from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
-from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
-from knee_contact_ros.parameters.curves import curve_files
-from knee_contact_ros.parameters.files import ParameterSource, all_values, dotted, known_parameters
-from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
-from knee_contact_ros.results import missing_attribute
-from knee_contact_ros.system.errors import UsageError, suggest
-from knee_contact_ros.system.files import expand_user, read_mapping
-from knee_contact_ros.system.progress import OnProgress, no_progress, progress
+from ..bags.bag import Bag
+from ..bags.names import OWN_NAMES, Names
+from ..bags.provenance import Provenance
+from ..model.types import Floats, Rows
+from ..offline.bag_parameters import file_contents, resolved_parameters
+from ..offline.notebooks import Name, in_python_words, solve_inputs, warn_of
+from ..parameters.curves import curve_files
+from ..parameters.files import ParameterSource, all_values, dotted, known_parameters
+from ..parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
+from ..results import missing_attribute
+from ..system.errors import UsageError, suggest
+from ..system.files import expand_user, read_mapping
+from ..system.progress import OnProgress, no_progress, progress
+from .knees import INPUT_PARAMETERS, Knees, compute
+from .recordings import Recording, read_recording
 
 UNCERTAIN_INPUTS = {
     "flexion_angle": ("angles", "rad"),

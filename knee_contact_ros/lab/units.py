@@ -1,7 +1,5 @@
 """Units of times, angles, forces, moments and lengths in files of others, and their factors to SI units."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
@@ -9,9 +7,9 @@ from typing import Literal
 
 from scipy import constants
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.lab.cells import NOT_A_NUMBER
-from knee_contact_ros.system.errors import UsageError
+from ..joint_reaction.leg import GRAVITY
+from ..system.errors import UsageError
+from .cells import NOT_A_NUMBER
 
 ColumnName = str | int
 """Name of a column, or its place from 1"""

@@ -1,16 +1,14 @@
 """The row of answers to a tick, written by the words, bytes and half words that `types.ROW` lays out."""
 
-from __future__ import annotations
-
 import math
 
-from knee_contact_ros.model.closest import closest
-from knee_contact_ros.model.compiler import inlined
-from knee_contact_ros.model.contact import KneeConstants, Result
-from knee_contact_ros.model.error_estimate import LARGEST_ERROR, velocity_bound
-from knee_contact_ros.model.laws import BEGIN, force_at, layer_at
-from knee_contact_ros.model.mechanisms import translation
-from knee_contact_ros.model.types import (
+from .closest import closest
+from .compiler import inlined
+from .contact import KneeConstants, Result
+from .error_estimate import LARGEST_ERROR, velocity_bound
+from .laws import BEGIN, force_at, layer_at
+from .mechanisms import translation
+from .types import (
     MAX_CONTACT_X,
     MAX_FLEXION,
     MIN_FLEXION,

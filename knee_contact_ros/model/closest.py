@@ -4,22 +4,20 @@ Generalized contact kinematics of the paper, Eqs. 1 to 6: at the two points of c
 (n x n' = 0) and the vector between the points lies along them (d x n = 0).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.mechanisms import translation
-from knee_contact_ros.model.profiles import SHRUNK, support_at
-from knee_contact_ros.model.starts import (
+from .compiler import in_kernel, inlined
+from .mechanisms import translation
+from .profiles import SHRUNK, support_at
+from .starts import (
     COLUMN_WIDTH,
     FIRST_ANGLE,
     NARROW_COLUMNS,
     WIDE_COLUMNS,
     WIDE_FACTOR,
 )
-from knee_contact_ros.model.types import Floats, Integers
+from .types import Floats, Integers
 
 ON_PLANE = 0
 """Kind of a pair with a plane tibia: the femur's support function gives the depth"""

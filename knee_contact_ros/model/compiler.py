@@ -8,8 +8,6 @@ Nothing may be optimised for this machine before the target is known. LLVM would
 offsets in bytes, and code with offsets for 64 bits runs on 32 bits, without an error, and is wrong by a quarter.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import platform
 import re
@@ -23,7 +21,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple, TypeVar
 
-from knee_contact_ros.model.types import ROW
+from .types import ROW
 
 OPTIONS = {
     "error_model": "numpy",

@@ -5,15 +5,13 @@ but the layer's formula would pull, which cartilage cannot. In a pressing contac
 in the other modes only the load does, and the femur flies. A mode ends where a boundary is crossed.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
-from knee_contact_ros.model.closest import Surfaces, touch
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.error_estimate import Error
-from knee_contact_ros.model.laws import BEGIN, force_at
-from knee_contact_ros.model.types import Floats
+from .closest import Surfaces, touch
+from .compiler import in_kernel, inlined
+from .error_estimate import Error
+from .laws import BEGIN, force_at
+from .types import Floats
 
 NO_BOUNDARY = -1
 LAYER_BEGIN = 0

@@ -6,13 +6,11 @@ closed form. Expected errors may cancel; variances never do. The constants are c
 independent reference (`studies.honesty`).
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.model.compiler import in_kernel, inlined
+from .compiler import in_kernel, inlined
 
 VELOCITY_HORIZON = 0.1
 """Time [s] for which a velocity error counts where neither spring nor dashpot limits it. Tuned; `studies.honesty

@@ -4,13 +4,11 @@ An event is located by repeating the step with other durations, not by dense out
 have errors of its own, and the step is cheap beside the accuracy that the next mode needs at its beginning.
 """
 
-from __future__ import annotations
-
 import math
 
-from knee_contact_ros.model.closest import next_kink, touch
-from knee_contact_ros.model.compiler import in_kernel
-from knee_contact_ros.model.contact import (
+from .closest import next_kink, touch
+from .compiler import in_kernel
+from .contact import (
     DEPTH_ROUNDING,
     FORCE_ZERO,
     LAYER_BEGIN,
@@ -24,9 +22,9 @@ from knee_contact_ros.model.contact import (
     distance_inside,
     load_at,
 )
-from knee_contact_ros.model.error_estimate import TINY, Error, eigenvalues, height_bound
-from knee_contact_ros.model.laws import APART, BEGIN
-from knee_contact_ros.model.steps import (
+from .error_estimate import TINY, Error, eigenvalues, height_bound
+from .laws import APART, BEGIN
+from .steps import (
     KNOT_SPACING_SHARE,
     MAX_GLIDE_RADIUS,
     STEP_RESERVE,

@@ -3,14 +3,12 @@
 Nothing is refused here: the user may model a rat. Each finding is one sentence with the values and the likely cause.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from knee_contact_ros.model.types import MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Stamps
+from .types import MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Stamps
 
 CLEAR_RATIO = 2.0
 """Ratio of two ranges or forces above which one clearly is the larger"""

@@ -4,8 +4,6 @@ The library lies beside the model, where the package was built with it, or in th
 the model's sources: after an edit it is built again at the next use, where Numba and a linker are installed.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import importlib.util
@@ -22,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.model import ticks
-from knee_contact_ros.model.compiler import (
+from . import ticks
+from .compiler import (
     ENTRY,
     FAST_ENTRY,
     HOST_SIZES,
@@ -32,12 +30,12 @@ from knee_contact_ros.model.compiler import (
     host,
     translate,
 )
-from knee_contact_ros.model.contact import KneeConstants
-from knee_contact_ros.model.laws import hertz
-from knee_contact_ros.model.mechanisms import MECHANISMS
-from knee_contact_ros.model.profiles import Circle
-from knee_contact_ros.model.surfaces import ContactPair, Plane
-from knee_contact_ros.model.types import ROW, Bytes, Counts, Floats, Rows
+from .contact import KneeConstants
+from .laws import hertz
+from .mechanisms import MECHANISMS
+from .profiles import Circle
+from .surfaces import ContactPair, Plane
+from .types import ROW, Bytes, Counts, Floats, Rows
 
 KEPT_LIBRARIES = 4
 """Largest number of libraries in a folder"""

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.model import run_state, ticks
-from knee_contact_ros.model.closest import Closest
-from knee_contact_ros.model.contact import KneeConstants
-from knee_contact_ros.model.inputs import MOST_PLAUSIBLE_LOAD, InputCheck
-from knee_contact_ros.model.kernel import Kernel
-from knee_contact_ros.model.laws import ContactLaw, check
-from knee_contact_ros.model.lost_state import LEAST_LOST_SPEED
-from knee_contact_ros.model.readouts import ContactPatch, Readings, load_uncertainty
-from knee_contact_ros.model.ringing import Ringing
-from knee_contact_ros.model.statics import plain_static_depth
-from knee_contact_ros.model.surfaces import ContactPair
-from knee_contact_ros.model.types import (
+from . import run_state, ticks
+from .closest import Closest
+from .contact import KneeConstants
+from .inputs import MOST_PLAUSIBLE_LOAD, InputCheck
+from .kernel import Kernel
+from .laws import ContactLaw, check
+from .lost_state import LEAST_LOST_SPEED
+from .readouts import ContactPatch, Readings, load_uncertainty
+from .ringing import Ringing
+from .statics import plain_static_depth
+from .surfaces import ContactPair
+from .types import (
     MAX_SURFACE_GAP,
     NANOSECOND,
     ROW,

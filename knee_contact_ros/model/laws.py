@@ -14,8 +14,6 @@ A formula that is not a row of the common one is a separate function, marked `in
 `Layer.form`, by which `force_at` calls it. `ContactLaw` says what every formula must fulfil.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable
@@ -26,8 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.model.compiler import in_kernel
-from knee_contact_ros.model.types import Floats
+from .compiler import in_kernel
+from .types import Floats
 
 APART = 0
 """Row of the kernel's array for surfaces that are apart, without force; the layers follow from row 1"""

@@ -4,14 +4,12 @@ The exact solution is lost where a tick could not be resolved, or where its erro
 linearised contact would make that small at once, while the exact femur still flies.
 """
 
-from __future__ import annotations
-
 import math
 
-from knee_contact_ros.model.closest import touch
-from knee_contact_ros.model.compiler import in_kernel
-from knee_contact_ros.model.contact import FemurState, Interval, KneeConstants, Result, load_at
-from knee_contact_ros.model.error_estimate import (
+from .closest import touch
+from .compiler import in_kernel
+from .contact import FemurState, Interval, KneeConstants, Result, load_at
+from .error_estimate import (
     LARGEST_ERROR,
     eigenvalues,
     height_bound,
@@ -19,8 +17,8 @@ from knee_contact_ros.model.error_estimate import (
     velocity_bound,
     with_bound,
 )
-from knee_contact_ros.model.laws import DAMPING, force_at, law_force, layer_at
-from knee_contact_ros.model.run_state import (
+from .laws import DAMPING, force_at, law_force, layer_at
+from .run_state import (
     AT_LOAD_IMPULSE,
     AT_LOST_DISTANCE,
     AT_LOST_SPEED,
@@ -28,7 +26,7 @@ from knee_contact_ros.model.run_state import (
     AT_STATIC_VELOCITY,
     AT_STRONGEST_LOAD,
 )
-from knee_contact_ros.model.types import Floats
+from .types import Floats
 
 FORGOTTEN_SHARE = 1e-4
 """Share of the tolerance to which a lost difference must decay. Tuned; `studies.honesty scenes` would notice: 0.1 %

@@ -11,8 +11,6 @@ tibia frame, R = R_y(-internal rotation) R_x(abduction) R_z(flexion): flexion ab
 the tibia's y axis, abduction about the axis between (Grood & Suntay 1983, doi:10.1115/1.3138397).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.model.compiler import inlined
-from knee_contact_ros.model.types import Floats
+from .compiler import inlined
+from .types import Floats
 
 MIN_SOLVED_FLEXION = -0.3
 """Smallest flexion [rad] at which the parallel mechanism is solved (-17 deg)"""

@@ -7,8 +7,6 @@ tabulated polynomial of the angle gives h. Elsewhere h is the best of a few segm
 between noisy points is never mistaken for the contact.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.types import Floats, Integers
+from .compiler import in_kernel, inlined
+from .types import Floats, Integers
 
 CELLS = 2048
 """Number of cells of the full turn, each with a polynomial of h"""

@@ -4,14 +4,12 @@ With x = static height - dynamic height, M ẍ + C ẋ + K x = M ÿ_static - C �
 and C, its slopes along the height. The answer costs a few evaluations; most of the code here is its error estimate.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.model.closest import next_kink, touch
-from knee_contact_ros.model.compiler import in_kernel
-from knee_contact_ros.model.contact import (
+from .closest import next_kink, touch
+from .compiler import in_kernel
+from .contact import (
     FemurState,
     Interval,
     KneeConstants,
@@ -19,7 +17,7 @@ from knee_contact_ros.model.contact import (
     Stage,
     load_at,
 )
-from knee_contact_ros.model.error_estimate import (
+from .error_estimate import (
     SPREAD_FACTOR,
     TINY,
     Error,
@@ -32,9 +30,9 @@ from knee_contact_ros.model.error_estimate import (
     with_bound,
     with_curvature,
 )
-from knee_contact_ros.model.laws import BEGIN, force_at, law_force, layer_at
-from knee_contact_ros.model.statics import static_contact
-from knee_contact_ros.model.steps import NEWTON_TOLERANCE_SHARE
+from .laws import BEGIN, force_at, law_force, layer_at
+from .statics import static_contact
+from .steps import NEWTON_TOLERANCE_SHARE
 
 UNKNOWN_CHANGE = 0.2
 """Unknown part of what the motion changes by in a tick, as the linearised contact is not constant. Tuned, with the next

@@ -18,17 +18,15 @@ thickness; otherwise the truth lies between the two forms (docs/decisions/compar
 offered: it needs a width, which a planar model lacks, and its force is not a power of the depth.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.laws import ContactLaw
-from knee_contact_ros.model.statics import plain_static_depth
-from knee_contact_ros.model.types import NANOSECOND, ContactState, Floats, Rows, Status
+from .laws import ContactLaw
+from .statics import plain_static_depth
+from .types import NANOSECOND, ContactState, Floats, Rows, Status
 
 Readings = NDArray[Any]
 """Readouts of answers: an array of `READOUTS`, shape (n,)"""

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.laws import COMMON
-from knee_contact_ros.model.ticks import DYNAMIC
-from knee_contact_ros.model.types import Floats, Rows, Status
+from .laws import COMMON
+from .ticks import DYNAMIC
+from .types import Floats, Rows, Status
 
 if TYPE_CHECKING:
-    from knee_contact_ros.model.knee import KneeModel, Stream
+    from .knee import KneeModel, Stream
 
 STANDING = 8.0
 """Body weight over that of the femur, at least nearly: the load at which damping that grows with the force is judged"""

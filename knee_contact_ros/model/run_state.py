@@ -3,12 +3,10 @@
 All of it is 0 before the first tick.
 """
 
-from __future__ import annotations
-
-from knee_contact_ros.model.compiler import in_kernel
-from knee_contact_ros.model.contact import FemurState, Result
-from knee_contact_ros.model.error_estimate import Error
-from knee_contact_ros.model.types import Floats
+from .compiler import in_kernel
+from .contact import FemurState, Result
+from .error_estimate import Error
+from .types import Floats
 
 AT_BEGUN = 0
 """Place in the state of a run: 1 after its first tick"""

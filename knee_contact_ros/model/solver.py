@@ -10,13 +10,11 @@ error is propagated too (`error_estimate.py`).
 The constants are checked in random scenes against an independent reference (`studies.honesty`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.contact import (
+from .compiler import in_kernel, inlined
+from .contact import (
     DEPTH_ROUNDING,
     FORCE_ZERO,
     LAYER_END,
@@ -33,7 +31,7 @@ from knee_contact_ros.model.contact import (
     stage_at,
     stage_in,
 )
-from knee_contact_ros.model.error_estimate import (
+from .error_estimate import (
     EXPLICIT_DEVIATION,
     IMPLICIT_DEVIATION,
     SPREAD_FACTOR,
@@ -53,15 +51,15 @@ from knee_contact_ros.model.error_estimate import (
     with_independent_bound,
     with_step_error,
 )
-from knee_contact_ros.model.events import (
+from .events import (
     end_on_boundary,
     probe_flight,
     smooth_stretch,
     touch_delay,
 )
-from knee_contact_ros.model.laws import APART, BEGIN, DAMPING, force_at, layer_at
-from knee_contact_ros.model.step_control import error_ratio, unresolved_motion
-from knee_contact_ros.model.steps import (
+from .laws import APART, BEGIN, DAMPING, force_at, layer_at
+from .step_control import error_ratio, unresolved_motion
+from .steps import (
     MAX_EXPLICIT_STEP,
     SINGULAR_ERROR_FACTOR,
     STEP_RESERVE,

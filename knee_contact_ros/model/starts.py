@@ -1,16 +1,14 @@
 """Table of the places from which `closest` searches the common normal on a curved tibia."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from knee_contact_ros.model.mechanisms import Mechanism
-from knee_contact_ros.model.profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile
-from knee_contact_ros.model.types import Floats, Indices
+from .mechanisms import Mechanism
+from .profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile
+from .types import Floats, Indices
 
 COLUMN_WIDTH = 0.0125
 """Width [rad] of the table's columns of angles"""

@@ -1,13 +1,11 @@
 """The static contact n_y F(δ, 0) = L: the start of a run, the quasi-static level, and the answer to a given-up tick."""
 
-from __future__ import annotations
-
 import math
 
-from knee_contact_ros.model.closest import Surfaces, touch
-from knee_contact_ros.model.compiler import in_kernel
-from knee_contact_ros.model.laws import BEGIN, force_at, law_force
-from knee_contact_ros.model.types import Floats
+from .closest import Surfaces, touch
+from .compiler import in_kernel
+from .laws import BEGIN, force_at, law_force
+from .types import Floats
 
 MAX_ITERATIONS = 200
 MAX_ANSWER_EVALUATIONS = 24

@@ -4,21 +4,19 @@ The tolerance is one of the published depth. A step may use a part of it that de
 a damped contact forgets, an undamped one adds up the errors of many steps, and a flight multiplies that of its launch.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.contact import Mode, Motion, load_at
-from knee_contact_ros.model.error_estimate import (
+from .compiler import in_kernel, inlined
+from .contact import Mode, Motion, load_at
+from .error_estimate import (
     TINY,
     VELOCITY_HORIZON,
     eigenvalues,
     relaxation_rate,
 )
-from knee_contact_ros.model.laws import BEGIN, DAMPING
-from knee_contact_ros.model.steps import Step
+from .laws import BEGIN, DAMPING
+from .steps import Step
 
 LOCAL_ERROR_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them. Tuned."""

@@ -4,13 +4,11 @@ A contact that is not stiff for the step takes an explicit step, and any other a
 In flight only the load acts, so that the step is exact. Nothing here decides how long a step may be: `solver.py` does.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.contact import (
+from .compiler import in_kernel, inlined
+from .contact import (
     NO_BOUNDARY,
     Mode,
     Motion,
@@ -19,8 +17,8 @@ from knee_contact_ros.model.contact import (
     load_at,
     stage_at,
 )
-from knee_contact_ros.model.laws import BEGIN
-from knee_contact_ros.model.tableaux import ESDIRK, FEHLBERG
+from .laws import BEGIN
+from .tableaux import ESDIRK, FEHLBERG
 
 MAX_EXPLICIT_STEP = 1.0
 """Largest step times spectral radius of the contact that is taken explicitly. With 1.5, a stiff landing was wrong

@@ -1,7 +1,5 @@
 """Tibial surfaces, and pairs of a femoral and a tibial one."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.model.closest import (
+from .closest import (
     CUP_COSINE,
     CUP_SINE,
     IN_CUP,
@@ -20,10 +18,10 @@ from knee_contact_ros.model.closest import (
     Surfaces,
     closest,
 )
-from knee_contact_ros.model.mechanisms import Mechanism
-from knee_contact_ros.model.profiles import NOTHING, NOWHERE, Circle, KernelTable, Profile
-from knee_contact_ros.model.starts import height_of, slope_of, starts_table
-from knee_contact_ros.model.types import Floats
+from .mechanisms import Mechanism
+from .profiles import NOTHING, NOWHERE, Circle, KernelTable, Profile
+from .starts import height_of, slope_of, starts_table
+from .types import Floats
 
 _ARC_POINTS = 1201
 """Number of points of a cup's spline, which makes it 1e-12 m close"""

@@ -4,8 +4,6 @@
 tuples of floats: the compiler folds them, and plain Python computes with them faster than with NumPy's scalars.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

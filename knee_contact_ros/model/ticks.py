@@ -8,14 +8,12 @@ then lost, and no answer is OK until the contact has forgotten the difference (`
 The state of a run and its answers lie in arrays of the caller, so that a tick allocates nothing.
 """
 
-from __future__ import annotations
-
 import math
 
-from knee_contact_ros.model.answers import write_answer
-from knee_contact_ros.model.closest import touch
-from knee_contact_ros.model.compiler import in_kernel, inlined
-from knee_contact_ros.model.contact import (
+from .answers import write_answer
+from .closest import touch
+from .compiler import in_kernel, inlined
+from .contact import (
     FORCE_ROUNDING,
     FemurState,
     Interval,
@@ -23,12 +21,12 @@ from knee_contact_ros.model.contact import (
     Result,
     Stage,
 )
-from knee_contact_ros.model.error_estimate import EXACT
-from knee_contact_ros.model.events import last_touch, led_contact
-from knee_contact_ros.model.laws import law_force
-from knee_contact_ros.model.lost_state import answer_while_lost
-from knee_contact_ros.model.quasi_static import quasi_static
-from knee_contact_ros.model.run_state import (
+from .error_estimate import EXACT
+from .events import last_touch, led_contact
+from .laws import law_force
+from .lost_state import answer_while_lost
+from .quasi_static import quasi_static
+from .run_state import (
     AT_ANGLE,
     AT_BEGUN,
     AT_DAMPING,
@@ -39,9 +37,9 @@ from knee_contact_ros.model.run_state import (
     femur_in,
     keep_state,
 )
-from knee_contact_ros.model.solver import advance
-from knee_contact_ros.model.statics import MAX_ANSWER_EVALUATIONS, START_HEIGHT, static_contact
-from knee_contact_ros.model.types import MAX_SURFACE_GAP, Bytes, Counts, Fidelity, Floats
+from .solver import advance
+from .statics import MAX_ANSWER_EVALUATIONS, START_HEIGHT, static_contact
+from .types import MAX_SURFACE_GAP, Bytes, Counts, Fidelity, Floats
 
 QUASI_STATIC = int(Fidelity.QUASI_STATIC)
 DYNAMIC = int(Fidelity.DYNAMIC)

@@ -5,8 +5,6 @@ their bytes, reports and viewers use their field names. The values of the enumer
 constants in `msg/KneeContact.msg`.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Iterator

@@ -8,8 +8,6 @@ somebody looks `knee_contact/markers` (visualization_msgs/MarkerArray) and, once
 Parameters: `parameters/schema.py`.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import signal
@@ -26,28 +24,16 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.model.kernel import found_library
-from knee_contact_ros.model.types import FLAT, ROW, answer_struct
-from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.node.diagnostics import Entry, Health
-from knee_contact_ros.node.inputs import HandedInputs
-from knee_contact_ros.node.marker_topic import (
-    MARKER_DEPTH,
-    MARKER_PERIOD,
-    KneeMarkers,
-    MarkerTopic,
-)
-from knee_contact_ros.node.parameters import NodeKind
-from knee_contact_ros.node.problems import warning_of
-from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
-from knee_contact_ros.node.stride_topic import STRIDE_PERIOD, StrideTopic
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
-from knee_contact_ros.streams.output import RecordedKnee
-from knee_contact_ros.streams.topics import (
+from ..bags.leg import DrawnLeg
+from ..bags.provenance import provenance_record
+from ..model.kernel import found_library
+from ..model.types import FLAT, ROW, answer_struct
+from ..msg import KneeContact
+from ..parameters.curves import curve_texts
+from ..parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
+from ..streams.contact_pipeline import ContactAnswer, ContactPipeline
+from ..streams.output import RecordedKnee
+from ..streams.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_STRIDE,
@@ -56,10 +42,22 @@ from knee_contact_ros.streams.topics import (
     knee_name,
     recorded_topics,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import OWN_PROCESS_GROUP, python_module, start_process
-from knee_contact_ros.view.anatomy import compartments_of, outlines_of_compartments
-from knee_contact_ros.view.output import server_address
+from ..system.errors import UsageError
+from ..system.processes import OWN_PROCESS_GROUP, python_module, start_process
+from ..view.anatomy import compartments_of, outlines_of_compartments
+from ..view.output import server_address
+from .diagnostics import Entry, Health
+from .inputs import HandedInputs
+from .marker_topic import (
+    MARKER_DEPTH,
+    MARKER_PERIOD,
+    KneeMarkers,
+    MarkerTopic,
+)
+from .parameters import NodeKind
+from .problems import warning_of
+from .session import OUTPUT_DEPTH, Session
+from .stride_topic import STRIDE_PERIOD, StrideTopic
 
 COUNTED = answer_struct("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""

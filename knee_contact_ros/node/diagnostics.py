@@ -1,7 +1,5 @@
 """Reports of a node: the content of `/diagnostics` once a second, and warnings in the log."""
 
-from __future__ import annotations
-
 import math
 import os
 import time
@@ -14,10 +12,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Header
 
-from knee_contact_ros.model.types import UNUSABLE, Fidelity, Status
-from knee_contact_ros.node.inputs import Input, Inputs
-from knee_contact_ros.node.outputs import WARNING_FILL, Outputs
-from knee_contact_ros.node.problems import (
+from ..model.types import UNUSABLE, Fidelity, Status
+from ..streams.pipeline import Pipeline
+from ..streams.publisher_conflicts import PublisherConflict
+from ..streams.timeline import Timeline
+from ..streams.topics import NANOSECONDS
+from ..system.ros import resolve_topic
+from .inputs import Input, Inputs
+from .outputs import WARNING_FILL, Outputs
+from .problems import (
     ERROR,
     LOG_PERIOD,
     STALE,
@@ -26,12 +29,7 @@ from knee_contact_ros.node.problems import (
     first_problem,
     warning_of,
 )
-from knee_contact_ros.node.silence import published_by_others, reason_of_silence
-from knee_contact_ros.streams.pipeline import Pipeline
-from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
-from knee_contact_ros.streams.timeline import Timeline
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.ros import resolve_topic
+from .silence import published_by_others, reason_of_silence
 
 STAMP_REFUSALS = tuple(
     f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order")

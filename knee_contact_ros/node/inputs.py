@@ -1,7 +1,5 @@
 """The node's inputs: subscriptions as reliable as their publishers allow, another node in the process, transforms."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Collection
@@ -20,18 +18,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from tf2_msgs.msg import TFMessage
 
-from knee_contact_ros.node.problems import (
-    ERROR,
-    LOG_PERIOD,
-    STALE,
-    WARN,
-    Problem,
-    at_most_every,
-    first_problem,
-)
-from knee_contact_ros.parameters.sources import TopicSource
-from knee_contact_ros.streams.conversion import ANY, Convert
-from knee_contact_ros.streams.frames import (
+from ..parameters.sources import TopicSource
+from ..streams.conversion import ANY, Convert
+from ..streams.frames import (
     MOST_MOVING,
     TF,
     TF_STATIC,
@@ -40,10 +29,19 @@ from knee_contact_ros.streams.frames import (
     encode_transform,
     isb_transform,
 )
-from knee_contact_ros.streams.pipeline import OF_OTHERS
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import installed_share
-from knee_contact_ros.system.ros import resolve_topic
+from ..streams.pipeline import OF_OTHERS
+from ..system.errors import UsageError
+from ..system.files import installed_share
+from ..system.ros import resolve_topic
+from .problems import (
+    ERROR,
+    LOG_PERIOD,
+    STALE,
+    WARN,
+    Problem,
+    at_most_every,
+    first_problem,
+)
 
 SEARCH_PERIOD = 1.0
 """Time [s] between two searches for topics that match a pattern"""

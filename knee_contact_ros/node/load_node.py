@@ -7,8 +7,6 @@ Subscribes to `joint_states` (sensor_msgs/JointState: knee, hip and ankle, effor
 Parameters: `parameters/schema.py`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection
 from functools import partial
@@ -16,22 +14,22 @@ from functools import partial
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
 
-from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.joint_reaction.estimator import Level
-from knee_contact_ros.msg import LoadEstimate
-from knee_contact_ros.node.diagnostics import Health
-from knee_contact_ros.node.inputs import HandedInputs, HandOver
-from knee_contact_ros.node.parameters import NodeKind
-from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline
-from knee_contact_ros.streams.output import LOAD_PROVENANCE, RecordedKnee
-from knee_contact_ros.streams.topics import (
+from ..bags.provenance import provenance_record
+from ..joint_reaction.estimator import Level
+from ..msg import LoadEstimate
+from ..parameters.load_schema import LoadParameters
+from ..streams.load_pipeline import LoadAnswer, LoadPipeline
+from ..streams.output import LOAD_PROVENANCE, RecordedKnee
+from ..streams.topics import (
     JOINT_REACTION_FORCE,
     LOAD_ESTIMATE,
     LOAD_RECORDED,
     TickOutput,
 )
+from .diagnostics import Health
+from .inputs import HandedInputs, HandOver
+from .parameters import NodeKind
+from .session import OUTPUT_DEPTH, Session
 
 CHANGEABLE = frozenset(
     {
@@ -146,7 +144,7 @@ def load_and_contact() -> tuple[NodeKind, NodeKind]:
 
     Sending a message over a topic takes longer than estimate and contact together. All topics are still published.
     """
-    from knee_contact_ros.node.contact_node import (
+    from .contact_node import (
         CONTACT_NODE,
         ContactSession,
     )  # which a load node alone does not need

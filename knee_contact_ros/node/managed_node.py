@@ -22,22 +22,22 @@ from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
-from knee_contact_ros.node.parameters import QOS_PREFIX, NodeKind, NodeParameters, given_by_user
-from knee_contact_ros.node.problems import at_most_every
-from knee_contact_ros.node.session import Session
-from knee_contact_ros.parameters.files import check_file, check_used, is_subject, sections_in
-from knee_contact_ros.streams.topics import INPUTS
-from knee_contact_ros.streams.watch import unanswered_sentence
-from knee_contact_ros.system.errors import UsageError, join_faults, suggest
-from knee_contact_ros.system.files import parameter_file
-from knee_contact_ros.system.ros import make_executor, one_line_ros_errors, resolve_topic
-from knee_contact_ros.system.ros_files import (
+from ..parameters.files import check_file, check_used, is_subject, sections_in
+from ..streams.topics import INPUTS
+from ..streams.watch import unanswered_sentence
+from ..system.errors import UsageError, join_faults, suggest
+from ..system.files import parameter_file
+from ..system.ros import make_executor, one_line_ros_errors, resolve_topic
+from ..system.ros_files import (
     PARAMETERS_KEY,
     Sections,
     merge_sections,
     read_sections,
     values_for,
 )
+from .parameters import QOS_PREFIX, NodeKind, NodeParameters, given_by_user
+from .problems import at_most_every
+from .session import Session
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1

@@ -1,7 +1,5 @@
 """The topic `knee_contact/markers`: the knee for RViz, as a visualization_msgs/MarkerArray."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -9,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import ROW, ContactState, answer_struct
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer
-from knee_contact_ros.streams.messages import check_stamp
-from knee_contact_ros.streams.topics import NANOSECONDS, typestore
-from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, KneeOutlines
+from ..model.types import ROW, ContactState, answer_struct
+from ..streams.contact_pipeline import ContactAnswer
+from ..streams.messages import check_stamp
+from ..streams.topics import NANOSECONDS, typestore
+from ..view import colours
+from ..view.anatomy import NEWTONS_PER_MM, KneeOutlines
 
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
 MARKER = "visualization_msgs/msg/Marker"

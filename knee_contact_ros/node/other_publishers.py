@@ -1,7 +1,5 @@
 """Finds other publishers of the topics that a node publishes, whose messages subscribers would get mixed with ours."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence
@@ -10,7 +8,7 @@ from typing import Any
 
 from rclpy.lifecycle import LifecycleNode
 
-from knee_contact_ros.system.ros import resolve_topic
+from ..system.ros import resolve_topic
 
 EACH_NODE = "/parameter_events"
 """Topic that every node publishes"""

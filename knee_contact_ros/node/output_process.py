@@ -3,8 +3,6 @@
 It does not import ROS, and imports its output's libraries only once it runs. The node's side is `outputs.py`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform
@@ -17,9 +15,9 @@ from multiprocessing.connection import Connection
 from struct import pack
 from typing import Any
 
-from knee_contact_ros.streams.output import ENDED, FAILED, OPEN, REFUSED, Note, Report
-from knee_contact_ros.streams.topics import Ending
-from knee_contact_ros.system.errors import UsageError
+from ..streams.output import ENDED, FAILED, OPEN, REFUSED, Note, Report
+from ..streams.topics import Ending
+from ..system.errors import UsageError
 
 SWITCH_PERIOD = 1e-4
 """Longest time [s] for which a computing thread keeps the interpreter from the receiving thread"""

@@ -5,8 +5,6 @@ They communicate through a pair of sockets: the node sends module and arguments,
 and finally the `Ending`; the process sends `Report`s. The socket also shows each side when the other one has ended.
 """
 
-from __future__ import annotations
-
 import math
 import pickle
 import select
@@ -21,9 +19,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
-from knee_contact_ros.bags.recorder import MB, check_recordable
-from knee_contact_ros.streams.output import (
+from ..bags.provenance import PARAMETERS_CHANGED
+from ..bags.recorder import MB, check_recordable
+from ..streams.output import (
     ANSWERS_FLAGGED,
     ENDED,
     FAILED,
@@ -36,10 +34,10 @@ from knee_contact_ros.streams.output import (
     Report,
     Sink,
 )
-from knee_contact_ros.streams.topics import NANOSECONDS, Ending, TickOutput
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import free_names
-from knee_contact_ros.system.processes import Process, reap_process, start_connected
+from ..streams.topics import NANOSECONDS, Ending, TickOutput
+from ..system.errors import UsageError
+from ..system.output_files import free_names
+from ..system.processes import Process, reap_process, start_connected
 
 WORKER = "knee_contact_ros.node.output_process"
 

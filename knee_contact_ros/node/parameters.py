@@ -16,18 +16,18 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from knee_contact_ros.parameters.files import (
+from ..parameters.files import (
     all_values,
     known_parameters,
     load_parameters,
     number_in,
     with_companions,
 )
-from knee_contact_ros.parameters.sections import Declaration, NodeSection
-from knee_contact_ros.system.errors import UsageError
+from ..parameters.sections import Declaration, NodeSection
+from ..system.errors import UsageError
 
 if TYPE_CHECKING:
-    from knee_contact_ros.node.session import Session
+    from .session import Session
 
 
 class NodeKind(NamedTuple):

@@ -1,7 +1,5 @@
 """Problems as `/diagnostics` tells them, with a level and a sentence, and messages in the log that are not repeated."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus

@@ -16,16 +16,24 @@ from rclpy.qos import QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.bags.provenance import (
+from ..bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
     STATE,
     TICKS_BEFORE,
     change_record,
 )
-from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.diagnostics import Health
-from knee_contact_ros.node.inputs import (
+from ..model.types import Status
+from ..parameters.sources import WRENCH_STAMPED_TYPE, source_of
+from ..streams.conversion import converters
+from ..streams.frames import FORCE_TURNED
+from ..streams.output import TICK, Note, RecordedKnee
+from ..streams.pipeline import Pipeline
+from ..streams.topics import JOINT_STATES, Ending, TickOutput
+from ..system.errors import UsageError
+from ..system.output_files import check_writable, expand_stamp, free_names
+from .diagnostics import Health
+from .inputs import (
     HandedInputs,
     Input,
     InputMeter,
@@ -34,17 +42,9 @@ from knee_contact_ros.node.inputs import (
     installed_types,
     message_class,
 )
-from knee_contact_ros.node.other_publishers import OtherPublishers
-from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.node.problems import LOG_PERIOD, STEADY, at_most_every
-from knee_contact_ros.parameters.sources import WRENCH_STAMPED_TYPE, source_of
-from knee_contact_ros.streams.conversion import converters
-from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.output import TICK, Note, RecordedKnee
-from knee_contact_ros.streams.pipeline import Pipeline
-from knee_contact_ros.streams.topics import JOINT_STATES, Ending, TickOutput
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import check_writable, expand_stamp, free_names
+from .other_publishers import OtherPublishers
+from .outputs import Outputs
+from .problems import LOG_PERIOD, STEADY, at_most_every
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""

@@ -1,7 +1,5 @@
 """Why an input is silent, and the line to write: another type on its topic, a misspelt name, two swapped topics."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Iterator, Mapping
 from fnmatch import fnmatchcase
@@ -10,10 +8,10 @@ from typing import Any
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.inputs import installed_types
-from knee_contact_ros.parameters.sources import ON_ARRIVAL, TopicSource
-from knee_contact_ros.streams.columns import FIXED
-from knee_contact_ros.system.errors import UsageError, list_names, suggest
+from ..parameters.sources import ON_ARRIVAL, TopicSource
+from ..streams.columns import FIXED
+from ..system.errors import UsageError, list_names, suggest
+from .inputs import installed_types
 
 Graph = Mapping[str, Collection[str]]
 """Types by topic, of the topics that other nodes publish"""

@@ -1,16 +1,14 @@
 """The topic `knee_contact/stride`: numbers of each stride, as a sensor_msgs/JointState."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.model.types import NANOSECOND, ROW
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer
-from knee_contact_ros.streams.messages import JointState, encode_joint_state
-from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
+from ..model.types import NANOSECOND, ROW
+from ..streams.contact_pipeline import ContactAnswer
+from ..streams.messages import JointState, encode_joint_state
+from ..streams.strides import CERTAIN, Stride, Strides
 
 STRIDE_PERIOD = 0.05
 """Time [s] between two searches for complete strides"""

@@ -1,7 +1,5 @@
 """Inputs of a bag for the pipelines, from the topics and types that the parameters name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -11,14 +9,14 @@ from typing import Any
 import numpy as np
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.bag_file import Batch
-from knee_contact_ros.bags.names import NAMESPACE, Names, absolute
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.parameters.sources import TopicSource
-from knee_contact_ros.streams.conversion import converters, store_of
-from knee_contact_ros.streams.frames import (
+from ..bags.bag import Bag
+from ..bags.bag_file import Batch
+from ..bags.names import NAMESPACE, Names, absolute
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import Parameters
+from ..parameters.sources import TopicSource
+from ..streams.conversion import converters, store_of
+from ..streams.frames import (
     MOST_MOVING,
     TF,
     TF_MESSAGE,
@@ -26,10 +24,10 @@ from knee_contact_ros.streams.frames import (
     ForceFrame,
     decode_transforms,
 )
-from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
-from knee_contact_ros.streams.topics import JOINT_STATES
-from knee_contact_ros.system.errors import UsageError, list_names
-from knee_contact_ros.system.terminal import warn
+from ..streams.messages import JOINT_STATE, RefusedSampleError
+from ..streams.topics import JOINT_STATES
+from ..system.errors import UsageError, list_names
+from ..system.terminal import warn
 
 READ_AHEAD = 256
 """Number of messages that are read at a time to search for a joint"""

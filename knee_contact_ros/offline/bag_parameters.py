@@ -1,27 +1,25 @@
 """The parameters that a bag is computed with: given ones, those of a recording, or those of a person's subject file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from typing import Any
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import (
+from ..bags.bag import Bag
+from ..bags.provenance import Provenance, read_provenance, with_values
+from ..joint_reaction.leg import GRAVITY
+from ..parameters.curves import curve_texts
+from ..parameters.files import (
     SAME_WEIGHT,
     ParameterSource,
     dotted,
     load_parameters,
     own_names,
 )
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters, constants_of
-from knee_contact_ros.parameters.subjects import Subject
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import Parameters, constants_of
+from ..parameters.subjects import Subject
+from ..system.errors import UsageError
+from ..system.files import DEFAULT_PARAMETERS
 
 
 def resolved_parameters(basis: Parameters | Provenance) -> Parameters:

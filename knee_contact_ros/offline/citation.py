@@ -1,26 +1,24 @@
 """What a paper cites of a bag: software, model, contact law, surfaces, load, and where the gait comes from."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from typing import Any
 
-from knee_contact_ros.bags.bag import ORIGIN, Bag
-from knee_contact_ros.bags.provenance import OURS, Provenance, read_provenance, stored_load
-from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.parameters.build import law_constants
-from knee_contact_ros.parameters.curves import SHARE_FILE
-from knee_contact_ros.parameters.files import known_parameters, load_parameters
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import (
+from ..bags.bag import ORIGIN, Bag
+from ..bags.provenance import OURS, Provenance, read_provenance, stored_load
+from ..model.laws import CONTACT_LAWS
+from ..parameters.build import law_constants
+from ..parameters.curves import SHARE_FILE
+from ..parameters.files import known_parameters, load_parameters
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import (
     LATERAL_PREFIX,
     Parameters,
     has_two_compartments,
     lateral_knee,
 )
-from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
-from knee_contact_ros.system.errors import UsageError
+from ..streams.output import LOAD_PROVENANCE, PROVENANCE
+from ..system.errors import UsageError
 
 PAPER = (
     "The prediction of knee contact forces with the novel two-dimensional dynamic model of human knee. Acta Mechanica "

@@ -1,7 +1,5 @@
 """`knee-contact estimate-load`: joint reaction forces from a bag of a leg's sensors, without ROS."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,20 +8,20 @@ from typing import Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.names import OWN_NAMES, Names
-from knee_contact_ros.bags.provenance import recorded_flags, stored_load
-from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
-from knee_contact_ros.model.inputs import InputCheck
-from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.bag_inputs import BagInputs
-from knee_contact_ros.offline.bag_parameters import parameters_for
-from knee_contact_ros.offline.output import nothing_computed, open_bag_output
-from knee_contact_ros.parameters.load_schema import LoadParameters, PersonSection
-from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline
-from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import LOAD_RECORDED
-from knee_contact_ros.system.progress import OnProgress, no_progress
+from ..bags.bag import Bag
+from ..bags.names import OWN_NAMES, Names
+from ..bags.provenance import recorded_flags, stored_load
+from ..joint_reaction.estimator import LoadEstimateFields
+from ..model.inputs import InputCheck
+from ..model.types import Status
+from ..parameters.load_schema import LoadParameters, PersonSection
+from ..streams.load_pipeline import LoadAnswer, LoadPipeline
+from ..streams.output import LOAD_PROVENANCE
+from ..streams.topics import LOAD_RECORDED
+from ..system.progress import OnProgress, no_progress
+from .bag_inputs import BagInputs
+from .bag_parameters import parameters_for
+from .output import nothing_computed, open_bag_output
 
 ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(LoadEstimateFields).items()])
 """Type of a stamp [ns] and an estimate as a row"""

@@ -1,18 +1,16 @@
 """Strides and gait cycles of answers, as tables for notebooks: what `solve` and the models of `load_model` return."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.model.types import NANOSECOND
-from knee_contact_ros.results import Results, columns, unit_of
-from knee_contact_ros.streams.strides import Span, Stride, at_stamps, strides_of
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require
+from ..model.types import NANOSECOND
+from ..results import Results, columns, unit_of
+from ..streams.strides import Span, Stride, at_stamps, strides_of
+from ..system.errors import UsageError
+from ..system.files import require
 
 STRIDE_UNITS = {
     "heel_strike": "s",

@@ -1,17 +1,15 @@
 """Compares computed answers with those that the bag holds, whose parameters another tool may have lost."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from knee_contact_ros.bags.answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.names import NAMESPACE, Names, absolute
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import MM, UNUSABLE, Rows, Status
-from knee_contact_ros.offline.solve_blocks import AnswerBlock
-from knee_contact_ros.streams.topics import KNEE_CONTACT
-from knee_contact_ros.system.errors import UsageError
+from ..bags.answers import answer_blocks, answer_topics
+from ..bags.bag import Bag
+from ..bags.names import NAMESPACE, Names, absolute
+from ..model.knee import KneeModel
+from ..model.types import MM, UNUSABLE, Rows, Status
+from ..streams.topics import KNEE_CONTACT
+from ..system.errors import UsageError
+from .solve_blocks import AnswerBlock
 
 MOST_COMPARED = 200_000
 """Largest number of answers that are compared; it bounds the memory"""

@@ -1,7 +1,5 @@
 """Functions for Python: a model from parameters, and the commands `solve` and `estimate-load` with arrays."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,42 +13,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.folder import others_beside
-from knee_contact_ros.bags.names import Names, names_in_bag
-from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import ROW, Rows
-from knee_contact_ros.offline.bag_parameters import (
-    basis_of,
-    file_contents,
-    resolved_parameters,
-    weight_doubt,
-)
-from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-from knee_contact_ros.offline.estimate_load import load_parameters_for
-from knee_contact_ros.offline.gait import Gait
-from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.offline.solve_blocks import AnswerBlock
-from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import (
+from ..bags.bag import Bag
+from ..bags.folder import others_beside
+from ..bags.names import Names, names_in_bag
+from ..bags.provenance import Provenance
+from ..model.knee import KneeModel
+from ..model.types import ROW, Rows
+from ..parameters.build import build_model
+from ..parameters.curves import curve_texts
+from ..parameters.files import (
     ParameterSource,
     dotted,
     flat_parameters,
     load_parameters,
 )
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.parameters.subjects import Subject
-from knee_contact_ros.results import Records
-from knee_contact_ros.streams.compartments import compartments_of
-from knee_contact_ros.streams.topics import LOAD_INPUTS
-from knee_contact_ros.streams.watch import parameter_doubts
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user
-from knee_contact_ros.system.output_files import check_output
-from knee_contact_ros.system.progress import progress
+from ..parameters.schema import Parameters
+from ..parameters.subjects import Subject
+from ..results import Records
+from ..streams.compartments import compartments_of
+from ..streams.topics import LOAD_INPUTS
+from ..streams.watch import parameter_doubts
+from ..system.errors import UsageError, join_faults
+from ..system.files import DEFAULT_PARAMETERS, expand_user
+from ..system.output_files import check_output
+from ..system.progress import progress
+from .bag_parameters import (
+    basis_of,
+    file_contents,
+    resolved_parameters,
+    weight_doubt,
+)
+from .estimate_load import estimate_load as estimate
+from .estimate_load import load_parameters_for
+from .gait import Gait
+from .solve import solve as solve_bag
+from .solve_blocks import AnswerBlock
+from .summary import Summary
 
 Name = str | PathLike[str]
 EXAMPLES = {"values": "{'contact.damping': 0.0}", "remap": "{'joint_states': '/exo/joint_states'}"}

@@ -1,23 +1,21 @@
 """The recording of what is computed from a bag, for `solve` and `estimate-load`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.bags.bag import DOUBTS, ORIGIN, Bag
-from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.output import PROVENANCE
-from knee_contact_ros.streams.pipeline import AnswerT, Pipeline
-from knee_contact_ros.streams.topics import Record
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.output_files import check_not_input
+from ..bags.bag import DOUBTS, ORIGIN, Bag
+from ..bags.provenance import provenance_record
+from ..bags.recorder import AnswerWriter, BagWriter
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import Parameters
+from ..streams.frames import FORCE_TURNED
+from ..streams.output import PROVENANCE
+from ..streams.pipeline import AnswerT, Pipeline
+from ..streams.topics import Record
+from ..system.errors import UsageError, join_faults
+from ..system.output_files import check_not_input
 
 SOURCE_DAMAGE = "source_damage"
 """Name of the metadata record of an output that lists the damage of the bag it was computed from"""

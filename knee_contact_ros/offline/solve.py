@@ -1,19 +1,17 @@
 """A bag through the pipeline as fast as the machine allows, without ROS: what `knee-contact solve` does."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from operator import attrgetter
 from pathlib import Path
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.bag_file import Batch
-from knee_contact_ros.bags.batch_writer import write_messages
-from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.bags.names import OWN_NAMES, Names
-from knee_contact_ros.bags.provenance import (
+from ..bags.bag import Bag
+from ..bags.bag_file import Batch
+from ..bags.batch_writer import write_messages
+from ..bags.leg import DrawnLeg
+from ..bags.names import OWN_NAMES, Names
+from ..bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
     Change,
@@ -23,21 +21,21 @@ from knee_contact_ros.bags.provenance import (
     read_provenance,
     recorded_flags,
 )
-from knee_contact_ros.model.ringing import Ringing
-from knee_contact_ros.offline.bag_inputs import BagInputs
-from knee_contact_ros.offline.bag_parameters import file_contents, resolved_parameters
-from knee_contact_ros.offline.held_answers import HeldAnswers
-from knee_contact_ros.offline.output import BagOutput, nothing_computed, open_bag_output
-from knee_contact_ros.offline.solve_blocks import AnswerBlock, answer_block
-from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.files import all_values, load_parameters
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
-from knee_contact_ros.streams.output import PROVENANCE, TICK
-from knee_contact_ros.streams.topics import recorded_topics
-from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.progress import OnProgress, no_progress
+from ..model.ringing import Ringing
+from ..parameters.files import all_values, load_parameters
+from ..parameters.schema import Parameters, has_two_compartments
+from ..streams.contact_pipeline import ContactAnswer, ContactPipeline
+from ..streams.output import PROVENANCE, TICK
+from ..streams.topics import recorded_topics
+from ..streams.watch import held_sentence, unanswered_sentence
+from ..system.errors import UsageError
+from ..system.progress import OnProgress, no_progress
+from .bag_inputs import BagInputs
+from .bag_parameters import file_contents, resolved_parameters
+from .held_answers import HeldAnswers
+from .output import BagOutput, nothing_computed, open_bag_output
+from .solve_blocks import AnswerBlock, answer_block
+from .summary import Summary
 
 BATCH_SIZE = 8192
 """Number of messages in a batch: a few MB, but enough that handling a batch costs almost nothing"""

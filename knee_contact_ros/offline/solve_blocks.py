@@ -13,28 +13,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.batch_writer import TopicMessages
-from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.model.types import ROW, Floats, Indices, Rows, Stamps
-from knee_contact_ros.streams.columns import (
+from ..bags.batch_writer import TopicMessages
+from ..bags.leg import DrawnLeg
+from ..model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
+from ..model.types import ROW, Floats, Indices, Rows, Stamps
+from ..streams.columns import (
     Block,
     Column,
     decode_all,
     encode_answer_wrenches,
     encode_answers,
 )
-from knee_contact_ros.streams.compartments import summed_wrenches
-from knee_contact_ros.streams.contact_pipeline import (
+from ..streams.compartments import summed_wrenches
+from ..streams.contact_pipeline import (
     CONTACT_TOPICS,
     DOUBTFUL_LOAD,
     ContactAnswer,
     ContactPipeline,
 )
-from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH
-from knee_contact_ros.streams.pairing import STALE_INPUT, Synchroniser
-from knee_contact_ros.streams.timeline import LONG_STEP, STEPS, AngleSample, LoadSample, Timeline
-from knee_contact_ros.streams.topics import (
+from ..streams.messages import JOINT_STATE, LAST_STAMP, WRENCH
+from ..streams.pairing import STALE_INPUT, Synchroniser
+from ..streams.timeline import LONG_STEP, STEPS, AngleSample, LoadSample, Timeline
+from ..streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT_WRENCH,

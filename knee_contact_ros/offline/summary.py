@@ -11,16 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.bag import Bag, opened_bag
-from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
-from knee_contact_ros.model.ringing import Ringing
-from knee_contact_ros.model.types import Fidelity, Rows, Status
-from knee_contact_ros.offline.solve_blocks import AnswerBlock
-from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
-from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
-from knee_contact_ros.streams.watch import Doubts, Split
-from knee_contact_ros.system.errors import join_faults
+from ..bags.answers import answer_blocks, answer_topics
+from ..bags.bag import Bag, opened_bag
+from ..bags.recorder import REFUSED_SAMPLES
+from ..model.ringing import Ringing
+from ..model.types import Fidelity, Rows, Status
+from ..streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
+from ..streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
+from ..streams.watch import Doubts, Split
+from ..system.errors import join_faults
+from .solve_blocks import AnswerBlock
 
 PEAK_FIELDS = ("load", "contact_force", "penetration_depth")
 """Fields of an answer whose largest values are kept"""

@@ -1,33 +1,31 @@
 """Builds models from parameters: the only place where names become laws, surfaces, mechanisms and load rules."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, cast
 
-from knee_contact_ros.joint_reaction.compartments import LoadRule, MeasuredShare
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.laws import (
+from ..joint_reaction.compartments import LoadRule, MeasuredShare
+from ..model.knee import KneeModel
+from ..model.laws import (
     CONTACT_LAWS,
     ContactLaw,
     check,
     hertz_stiffness,
     relative_radius,
 )
-from knee_contact_ros.model.mechanisms import MECHANISMS
-from knee_contact_ros.model.profiles import Circle, Profile
-from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
-from knee_contact_ros.model.surfaces import TIBIAL_GEOMETRIES, ContactPair
-from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.curves import (
+from ..model.mechanisms import MECHANISMS
+from ..model.profiles import Circle, Profile
+from ..model.readouts import POINT_CONTACT, SPREADS, ContactPatch
+from ..model.surfaces import TIBIAL_GEOMETRIES, ContactPair
+from ..model.ticks import LEVELS
+from ..system.errors import UsageError
+from .curves import (
     SHARE_FILE,
     curve_points,
     curve_texts,
     read_share_table,
 )
-from knee_contact_ros.parameters.schema import ContactSection, Parameters, constants_of
-from knee_contact_ros.system.errors import UsageError
+from .schema import ContactSection, Parameters, constants_of
 
 
 def build_model(

@@ -1,22 +1,20 @@
 """Files that parameters name: CSV files of surfaces, of the translation and of shares."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.compartments import ShareTable
-from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.schema import (
+from ..joint_reaction.compartments import ShareTable
+from ..model.knee import LARGEST_ANGLE
+from ..model.types import Floats
+from ..system.errors import UsageError
+from ..system.files import find_file, read_regular
+from .schema import (
     LATERAL_PREFIX,
     Parameters,
     has_two_compartments,
     lateral_knee,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import find_file, read_regular
 
 MAX_CURVE_SIZE = 2**20
 """Largest size of a file that a parameter names [B], and of its text [characters]"""

@@ -4,8 +4,6 @@ The node, the commands and the functions for notebooks read them here in the sam
 mapping, or several of these; later ones override earlier ones.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -16,26 +14,13 @@ from typing import Any, TypeVar, overload
 
 from pydantic import ValidationError
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.parameters.schema import (
-    LATERAL_PREFIX,
-    Parameters,
-)
-from knee_contact_ros.parameters.sections import (
-    Declaration,
-    NodeSection,
-    Section,
-    declaration_of,
-    first_error,
-    shortened,
-)
-from knee_contact_ros.parameters.subjects import Subject
-from knee_contact_ros.system.errors import UsageError, suggest
-from knee_contact_ros.system.files import (
+from ..joint_reaction.leg import GRAVITY
+from ..system.errors import UsageError, suggest
+from ..system.files import (
     parameter_file,
     shipped_parameter_files,
 )
-from knee_contact_ros.system.ros_files import (
+from ..system.ros_files import (
     Sections,
     add_sections,
     flatten,
@@ -44,6 +29,19 @@ from knee_contact_ros.system.ros_files import (
     read_sections,
     values_for,
 )
+from .schema import (
+    LATERAL_PREFIX,
+    Parameters,
+)
+from .sections import (
+    Declaration,
+    NodeSection,
+    Section,
+    declaration_of,
+    first_error,
+    shortened,
+)
+from .subjects import Subject
 
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has, besides QoS overrides (`qos_overrides.…`)."""

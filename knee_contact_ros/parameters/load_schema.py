@@ -1,16 +1,14 @@
 """Declaration of all parameters of the load node; see `schema.py`."""
 
-from __future__ import annotations
-
 from types import MappingProxyType
 from typing import Annotated
 
 from pydantic import Field
 
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.joint_reaction.muscles import Person
-from knee_contact_ros.parameters.sections import (
+from ..joint_reaction.estimator import LOAD_LEVELS
+from ..joint_reaction.leg import GRAVITY
+from ..joint_reaction.muscles import Person
+from .sections import (
     ANGLE_SOURCE_MEANING,
     AngleSource,
     DiagnosticsSection,

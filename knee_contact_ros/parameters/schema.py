@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.model.knee import BUDGET
-from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.mechanisms import MECHANISMS
-from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
-from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.sections import (
+from ..joint_reaction.compartments import BOTH, RULES, SPLITS
+from ..joint_reaction.leg import GRAVITY
+from ..model.knee import BUDGET
+from ..model.laws import CONTACT_LAWS
+from ..model.mechanisms import MECHANISMS
+from ..model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
+from ..model.ticks import LEVELS
+from .sections import (
     ANGLE_SOURCE_MEANING,
     AngleSource,
     DiagnosticsSection,

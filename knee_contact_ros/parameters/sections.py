@@ -3,8 +3,6 @@
 A parameter is an attribute of a section: its type, default and limits, and below it its unit and meaning.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from pydantic import (
 )
 from pydantic.fields import FieldInfo
 
-from knee_contact_ros.parameters.sources import (
+from .sources import (
     JOINT_STATE_TYPE,
     SOURCE_FORM,
     WRENCH_STAMPED_TYPE,

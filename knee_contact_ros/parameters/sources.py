@@ -1,7 +1,5 @@
 """Where an input comes from: a topic and, if its messages are of another type, the fields with the numbers."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

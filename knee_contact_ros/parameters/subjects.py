@@ -1,19 +1,17 @@
 """Subject files: what makes one person's knee different. They are read wherever a parameter file is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, ValidationError
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.parameters.sections import Section, first_error
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import expand_user, find_file, read_mapping
-from knee_contact_ros.system.ros_files import Sections
+from ..joint_reaction.leg import GRAVITY
+from ..system.errors import UsageError
+from ..system.files import expand_user, find_file, read_mapping
+from ..system.ros_files import Sections
+from .load_schema import LoadParameters
+from .schema import Parameters
+from .sections import Section, first_error
 
 FEMORAL_SHARE = 9.3014 / 75.16
 """Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""

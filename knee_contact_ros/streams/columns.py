@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, Nodetype
 
-from knee_contact_ros.model.types import (
+from ..model.types import (
     FIELDS,
     FLAT,
     MESSAGE_BYTES,
@@ -27,7 +27,7 @@ from knee_contact_ros.model.types import (
     Stamps,
     unknown_answers,
 )
-from knee_contact_ros.streams.messages import (
+from .messages import (
     BYTE_ORDERS,
     HEADER,
     LARGEST_MESSAGE,
@@ -40,7 +40,7 @@ from knee_contact_ros.streams.messages import (
     shape_of,
     written_layout,
 )
-from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, types_in
+from .topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, types_in
 
 Places = NDArray[np.int64]
 """Offsets [B] in a piece of memory, shape (n,)"""

@@ -1,7 +1,5 @@
 """The compartments of a knee, tick by tick, and the sum of their wrenches."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import FLAT, ROW, WRENCH_BYTES, Floats, Rows, Stamps
-from knee_contact_ros.parameters.build import build_model, retuned
-from knee_contact_ros.parameters.curves import lateral_texts
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
-from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, is_lateral
-from knee_contact_ros.streams.watch import doubts_about
+from ..model.knee import KneeModel
+from ..model.types import FLAT, ROW, WRENCH_BYTES, Floats, Rows, Stamps
+from ..parameters.build import build_model, retuned
+from ..parameters.curves import lateral_texts
+from ..parameters.schema import Parameters, has_two_compartments, lateral_knee
+from .topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, is_lateral
+from .watch import doubts_about
 
 WRENCH_NUMBERS = struct.Struct("<6d")
 """Force and torque in the bytes of a row"""

@@ -1,7 +1,5 @@
 """From the messages of a knee's angle and load to contact answers, without ROS: the contact node and `solve` use it."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Mapping
@@ -9,22 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.compartments import LoadRule
-from knee_contact_ros.model.knee import (
+from ..joint_reaction.compartments import LoadRule
+from ..model.knee import (
     LARGEST_ANGLE,
     LARGEST_HEIGHT,
     LARGEST_LOAD,
     KneeModel,
     degrees_hint,
 )
-from knee_contact_ros.model.types import MESSAGE_BYTES, NANOSECOND, ROW, Status
-from knee_contact_ros.parameters.build import load_rule, retuned
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.schema import KneeSection, Parameters, lateral_knee
-from knee_contact_ros.parameters.sections import rotation_numbers
-from knee_contact_ros.streams.compartments import compartments_of, half_spacing, summed_wrench
-from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.messages import (
+from ..model.types import MESSAGE_BYTES, NANOSECOND, ROW, Status
+from ..parameters.build import load_rule, retuned
+from ..parameters.curves import curve_texts
+from ..parameters.schema import KneeSection, Parameters, lateral_knee
+from ..parameters.sections import rotation_numbers
+from ..system.errors import UsageError
+from .compartments import compartments_of, half_spacing, summed_wrench
+from .frames import ForceFrame
+from .messages import (
     JointState,
     RefusedSampleError,
     WrenchStamped,
@@ -32,11 +31,11 @@ from knee_contact_ros.streams.messages import (
     header,
     number_of,
 )
-from knee_contact_ros.streams.output import RunState
-from knee_contact_ros.streams.pairing import TIME_RESET, PairedSample
-from knee_contact_ros.streams.pipeline import Pipeline
-from knee_contact_ros.streams.timeline import AngleSample, LoadSample
-from knee_contact_ros.streams.topics import (
+from .output import RunState
+from .pairing import TIME_RESET, PairedSample
+from .pipeline import Pipeline
+from .timeline import AngleSample, LoadSample
+from .topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT,
@@ -44,8 +43,7 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT_WRENCH,
     Record,
 )
-from knee_contact_ros.streams.watch import Doubts, Split, doubts_about
-from knee_contact_ros.system.errors import UsageError
+from .watch import Doubts, Split, doubts_about
 
 DOUBTFUL_LOAD = int(Status.DOUBTFUL_LOAD)
 """A plain number: combining flags of an enumeration takes long"""

@@ -4,8 +4,6 @@ A `Converter` reads a message by the definition of its type: the installed one l
 same, and so are the bits. The usual inputs need no converter and cost nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,20 +11,20 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodet
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.parameters.sources import (
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import Parameters
+from ..parameters.sources import (
     DYNAMIC_JOINT_STATE_TYPE,
     JOINT_STATE_TYPE,
     ON_ARRIVAL,
     MessageNumber,
     TopicSource,
 )
-from knee_contact_ros.streams import messages
-from knee_contact_ros.streams.columns import BYTES, FIXED
-from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
-from knee_contact_ros.streams.topics import NANOSECONDS, types_in, typestore
-from knee_contact_ros.system.errors import UsageError, list_names
+from ..system.errors import UsageError, list_names
+from . import messages
+from .columns import BYTES, FIXED
+from .messages import JointState, RefusedSampleError, WrenchStamped
+from .topics import NANOSECONDS, types_in, typestore
 
 Types = Callable[[TopicSource, str], Typestore]
 """Returns the definitions of a source's type and of all types in it; errors name the given parameter"""

@@ -4,8 +4,6 @@ Only static transforms (`/tf_static`) are used, and the transformed force is rec
 not on when a transform arrived, and a recording can be computed again without transforms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import lru_cache
@@ -15,14 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.streams.messages import (
+from ..system.errors import MAX_NAME_LENGTH, printable
+from .messages import (
     HEADER,
     RefusedSampleError,
     WrenchStamped,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
-from knee_contact_ros.system.errors import MAX_NAME_LENGTH, printable
+from .topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
 
 TF, TF_STATIC = "/tf", "/tf_static"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"

@@ -23,8 +23,6 @@ No heel strike is found if the knee does not flex after landing: a stiff knee, o
 bent and then extends. Within about 60 ms of the start and end of a recording an event is less certain, or missed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import pairwise
@@ -33,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import Floats, Stamps
+from ..model.types import Floats, Stamps
 
 SECOND = 1_000_000_000
 """Number of nanoseconds in a second"""

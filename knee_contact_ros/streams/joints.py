@@ -1,13 +1,11 @@
 """Joint states that are spread over messages, as where each joint's driver publishes its own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 
-from knee_contact_ros.streams.messages import JointState, RefusedSampleError
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import list_names
+from ..system.errors import list_names
+from .messages import JointState, RefusedSampleError
+from .topics import NANOSECONDS
 
 
 class SpreadJoints:

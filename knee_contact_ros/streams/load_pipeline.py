@@ -3,20 +3,18 @@
 The joints' names, signs and axes are applied only here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.conventions import LegCheck
-from knee_contact_ros.joint_reaction.estimator import (
+from ..joint_reaction.conventions import LegCheck
+from ..joint_reaction.estimator import (
     BIT_DOUBTFUL_LOAD,
     BIT_IMPLAUSIBLE,
     ESTIMATE_STRUCT,
     Estimator,
     LoadEstimateFields,
 )
-from knee_contact_ros.joint_reaction.leg import (
+from ..joint_reaction.leg import (
     NOT_MEASURED,
     Ground,
     Joints,
@@ -25,16 +23,16 @@ from knee_contact_ros.joint_reaction.leg import (
     Vector,
     inclination,
 )
-from knee_contact_ros.joint_reaction.muscles import Person
-from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.parameters.load_schema import (
+from ..joint_reaction.muscles import Person
+from ..model.knee import LARGEST_ANGLE
+from ..parameters.load_schema import (
     ActuatedJoint,
     GroundForce,
     LoadParameters,
     MeasuredJoint,
 )
-from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.messages import (
+from .frames import ForceFrame
+from .messages import (
     JointState,
     RefusedSampleError,
     WrenchStamped,
@@ -43,10 +41,10 @@ from knee_contact_ros.streams.messages import (
     header,
     number_of,
 )
-from knee_contact_ros.streams.pairing import TIME_RESET, PairedSample
-from knee_contact_ros.streams.pipeline import Pipeline
-from knee_contact_ros.streams.timeline import AngleSample, LoadSample
-from knee_contact_ros.streams.topics import (
+from .pairing import TIME_RESET, PairedSample
+from .pipeline import Pipeline
+from .timeline import AngleSample, LoadSample
+from .topics import (
     GROUND_REACTION_FORCE,
     JOINT_REACTION_FORCE,
     JOINT_STATES,

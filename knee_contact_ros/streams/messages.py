@@ -6,8 +6,6 @@ declaration (`LAYOUTS`), texts and lengths, knows all offsets: as a `struct` for
 sends is read. An answer is written as a header and the part of its row that the message consists of.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable, Collection, Sequence
@@ -19,10 +17,10 @@ import numpy as np
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.model.types import MESSAGE_BYTES, WRENCH_BYTES
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE_TYPE, DYNAMIC_JOINT_STATES
-from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
-from knee_contact_ros.system.errors import list_names, printable
+from ..model.types import MESSAGE_BYTES, WRENCH_BYTES
+from ..parameters.sources import DYNAMIC_JOINT_STATE_TYPE, DYNAMIC_JOINT_STATES
+from ..system.errors import list_names, printable
+from .topics import NANOSECONDS, stamp_to_ns, typestore
 
 Order = Literal["<", ">"]
 HEADER = b"\x00\x01\x00\x00"

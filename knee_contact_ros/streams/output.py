@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
-    from knee_contact_ros.model.knee import KneeModel
+    from ..model.knee import KneeModel
 
 STARTING, OPEN, REFUSED, FAILED, ENDED = "starting", "open", "refused", "failed", "ended"
 """States of an output: not known yet, open, could not be opened or had to end early, has failed, is complete"""

@@ -4,24 +4,22 @@ The `Timeline` of each stream decides which samples are accepted. No clock is us
 their order, and the caller decides when an angle is late (`flush_expired`).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.sections import PairingSection
-from knee_contact_ros.streams.timeline import (
+from ..model.types import Status
+from ..parameters.sections import PairingSection
+from .timeline import (
     LONG_STEP,
     AngleSample,
     LoadSample,
     Refusals,
     Timeline,
 )
-from knee_contact_ros.streams.topics import NANOSECONDS
+from .topics import NANOSECONDS
 
 # Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
 STATUS_OK = int(Status.OK)

@@ -4,19 +4,17 @@ A message is pushed; its sample is refused or paired, and every pair that it mak
 one by one, each as soon as it is computed, so that it can be published before the next one is.
 """
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from typing import Any, Generic, Protocol, TypeVar
 
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.conversion import written
-from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.joints import SpreadJoints
-from knee_contact_ros.streams.messages import (
+from ..parameters.load_schema import LoadParameters
+from ..parameters.schema import Parameters
+from .conversion import written
+from .frames import ForceFrame
+from .joints import SpreadJoints
+from .messages import (
     JOINT_STATE,
     WRENCH,
     JointState,
@@ -24,11 +22,11 @@ from knee_contact_ros.streams.messages import (
     WrenchStamped,
     encode_joint_state,
 )
-from knee_contact_ros.streams.output import ANSWERS_FLAGGED, STATUS, TICK, Note
-from knee_contact_ros.streams.pairing import PairedSample, Pairs, Synchroniser
-from knee_contact_ros.streams.publisher_conflicts import PublisherConflict
-from knee_contact_ros.streams.timeline import AngleSample, LoadSample
-from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Ending, Record
+from .output import ANSWERS_FLAGGED, STATUS, TICK, Note
+from .pairing import PairedSample, Pairs, Synchroniser
+from .publisher_conflicts import PublisherConflict
+from .timeline import AngleSample, LoadSample
+from .topics import JOINT_STATES, NANOSECONDS, Ending, Record
 
 LARGEST_ANGLE_SWING = 0.03
 """Difference [rad] above which two publishers of angles disagree"""

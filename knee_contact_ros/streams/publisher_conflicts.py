@@ -1,13 +1,11 @@
 """Detection of several publishers that send one quantity and disagree."""
 
-from __future__ import annotations
-
 import itertools
 from collections import deque
 
 import numpy as np
 
-from knee_contact_ros.model.types import NANOSECOND, Floats, Stamps
+from ..model.types import NANOSECOND, Floats, Stamps
 
 UNCONFIRMED_FACTOR = 4.0
 """Multiple of the allowed difference unless there are known to be several publishers, as one sensor may be noisy"""

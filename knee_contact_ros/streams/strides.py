@@ -1,7 +1,5 @@
 """Strides, from a heel strike to the next of the same leg, and the contact in each."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -10,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
-from knee_contact_ros.streams.gait_events import (
+from ..model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
+from .gait_events import (
     HEEL_STRIKE,
     LOAD_PEAK,
     SECOND,

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from knee_contact_ros.streams.messages import WrenchStamped
+from .messages import WrenchStamped
 
 STEPS = 8
 """Number of past steps that bound the next one. Tuned; `studies.pairing` would notice."""

@@ -13,7 +13,7 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.system.files import PACKAGE, share_folder
+from ..system.files import PACKAGE, share_folder
 
 JOINT_STATES = "joint_states"
 JOINT_REACTION_FORCE = "joint_reaction_force"

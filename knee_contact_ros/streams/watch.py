@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.joint_reaction.compartments import STANDING_LOAD
-from knee_contact_ros.joint_reaction.estimator import body_weight_doubt
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.model.inputs import AxisCheck, InputCheck
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import (
+from ..joint_reaction.compartments import STANDING_LOAD
+from ..joint_reaction.estimator import body_weight_doubt
+from ..joint_reaction.leg import GRAVITY
+from ..model.inputs import AxisCheck, InputCheck
+from ..model.knee import KneeModel
+from ..model.types import (
     FLAT,
     MAX_CONTACT_X,
     MAX_FLEXION,
@@ -29,17 +29,17 @@ from knee_contact_ros.model.types import (
     Rows,
     Status,
 )
-from knee_contact_ros.parameters.schema import (
+from ..parameters.schema import (
     ContactSection,
     Parameters,
     constants_of,
     without_effect,
 )
-from knee_contact_ros.parameters.subjects import FEMORAL_SHARE
-from knee_contact_ros.streams.topics import NANOSECONDS
+from ..parameters.subjects import FEMORAL_SHARE
+from .topics import NANOSECONDS
 
 if TYPE_CHECKING:
-    from knee_contact_ros.streams.pipeline import Pipeline
+    from .pipeline import Pipeline
 
 MAX_BEYOND_TABLE = 0.1
 """Largest fraction of samples under load that may lie beyond a table of shares without a warning"""

@@ -1,7 +1,5 @@
 """Errors that a user's input can cause: one printable line that says what is wrong and what is allowed."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Collection, Sequence
 

@@ -4,8 +4,6 @@ Foreign files must be regular, not pipes or devices, and are read up to a given 
 nodes, their depth and the size of numbers.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
@@ -19,8 +17,8 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.portable import READ_FLAGS
+from .errors import UsageError
+from .portable import READ_FLAGS
 
 PACKAGE = "knee_contact_ros"
 DEFAULT_PARAMETERS = "healthy.yaml"

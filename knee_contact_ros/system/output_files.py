@@ -8,8 +8,6 @@ A command with a folder of results first writes into a `work_folder`. The result
 interrupted command leaves nothing.
 """
 
-from __future__ import annotations
-
 import errno
 import itertools
 import os
@@ -21,9 +19,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.files import expand_user, is_file
-from knee_contact_ros.system.portable import READ_FLAGS, lock, quoted
+from .errors import IncompleteError, UsageError
+from .files import expand_user, is_file
+from .portable import READ_FLAGS, lock, quoted
 
 PARTIAL = ".partial"
 STAMP_PLACEHOLDER = "{stamp}"
@@ -342,7 +340,7 @@ def work_folder(output: Path) -> Iterator[Path]:
         IncompleteError: the disk is full; also if it becomes full while the results are written.
     """
     # Imported here, as subprocess takes a third of the time of --help.
-    from knee_contact_ros.system.processes import interrupted_by_sigterm
+    from .processes import interrupted_by_sigterm
 
     work = output / f".incomplete-{os.getpid()}"
     made = not output.exists()

@@ -3,8 +3,6 @@
 Other modules that need no ROS name nothing that one of these systems lacks. `processes.py` has signals and sockets.
 """
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """Starts, watches and ends the package's other processes, so that none is left behind; finds their TCP ports."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -16,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, Any, NamedTuple
 
-from knee_contact_ros.system.errors import UsageError
+from .errors import UsageError
 
 Process = subprocess.Popen[bytes]
 EXIT_PATIENCE = 30.0

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
-from knee_contact_ros.system.errors import printable
-from knee_contact_ros.system.terminal import say
+from .errors import printable
+from .terminal import say
 
 if TYPE_CHECKING:
     from rich.progress import Progress

@@ -1,7 +1,5 @@
 """Joins a ROS graph, or a private one on loopback, and makes the fastest executor for its callbacks."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Iterator, Mapping
@@ -12,8 +10,8 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import share_folder
+from .errors import UsageError
+from .files import share_folder
 
 
 @contextmanager

@@ -6,8 +6,6 @@ one wins: a `/**` behind a section of the node's own name wins over that. Scalar
 C's: `010` is 8. ROS 2 knows no null. A name that a file gives twice in one place is refused.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,8 +16,8 @@ from typing import Any
 
 from ruamel.yaml import YAML, events
 
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import (
+from .errors import UsageError
+from .files import (
     MAX_DEPTH,
     MAX_FILE_SIZE,
     SURROGATE,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from knee_contact_ros.system.errors import printable
+from .errors import printable
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -8,8 +8,6 @@ Everything else is only drawn: the shafts, their joins to the surfaces, and the 
 law gives one (`Anatomy.thickness`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.laws import ContactLaw
-from knee_contact_ros.model.readouts import ContactPatch
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.streams.topics import LATERAL, MEDIAL, compartment_name
+from ..model.knee import KneeModel
+from ..model.laws import ContactLaw
+from ..model.readouts import ContactPatch
+from ..model.types import Floats
+from ..streams.topics import LATERAL, MEDIAL, compartment_name
 
 DRAWN_THICKNESS = 2.2e-3
 """Thickness [m] of each cartilage where the law gives none: half the default of `contact.foundation_thickness`"""

@@ -3,11 +3,9 @@
 The planes are dark in every theme of the viewer; curves must be visible in a dark and in a light theme.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
-from knee_contact_ros.model.types import ContactState
+from ..model.types import ContactState
 
 Colour = tuple[int, int, int]
 

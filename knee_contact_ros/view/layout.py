@@ -4,8 +4,6 @@ The layout is for one knee, or for several side by side, which share their plots
 knee. Lengths are mm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -14,17 +12,17 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.streams.topics import LATERAL
-from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import (
+from ..model.types import MM, Floats
+from ..streams.topics import LATERAL
+from . import colours
+from .anatomy import (
     NEWTONS_PER_MM,
     SURFACE_POINTS,
     KneeOutlines,
     lowest_at,
     to_tibia_frame,
 )
-from knee_contact_ros.view.plots import (
+from .plots import (
     DEPTHS,
     DETAIL_PLOTS,
     KNEE_PLOTS,

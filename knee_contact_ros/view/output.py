@@ -19,13 +19,13 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from knee_contact_ros.model.types import ROW
-from knee_contact_ros.streams.output import RecordedKnee, Sink
-from knee_contact_ros.streams.topics import KNEE_CONTACT, Ending, knee_name
-from knee_contact_ros.system import output_files
-from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.files import not_installed
-from knee_contact_ros.system.processes import (
+from ..model.types import ROW
+from ..streams.output import RecordedKnee, Sink
+from ..streams.topics import KNEE_CONTACT, Ending, knee_name
+from ..system import output_files
+from ..system.errors import IncompleteError, UsageError
+from ..system.files import not_installed
+from ..system.processes import (
     LOCALHOST,
     Process,
     check_port_free,
@@ -33,10 +33,10 @@ from knee_contact_ros.system.processes import (
     running,
     start_process,
 )
-from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, outlines_of_compartments
+from .anatomy import KneeOutlines, compartments_of, outlines_of_compartments
 
 if TYPE_CHECKING:
-    from knee_contact_ros.view.scene import Scene
+    from .scene import Scene
 
 APPLICATION = "knee_contact_ros"
 VIEWER_NICENESS = 10
@@ -123,7 +123,7 @@ def open_output(
     Raises:
         UsageError: the output cannot be opened; see `RerunFile`, `serve` and `ViewerWindow`.
     """
-    from knee_contact_ros.view.scene import Scene
+    from .scene import Scene
 
     remarks: list[str] = []
     known = {drawing.knee: drawing for drawing in own}
@@ -232,7 +232,7 @@ def serve(port: int, drawings: Sequence[KneeOutlines], recording_id: str | None)
     """
     import rerun as rr
 
-    from knee_contact_ros.view.layout import blueprint
+    from .layout import blueprint
 
     check_port_free(port, "parameter rerun.port")
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
@@ -263,7 +263,7 @@ class RerunFile:
         """
         import rerun as rr
 
-        from knee_contact_ros.view.layout import blueprint
+        from .layout import blueprint
 
         self.path = path
         """Name of the file, which may change when it is complete"""

@@ -1,7 +1,5 @@
 """The knee at a moment, drawn by matplotlib, without Rerun or a display."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterator
@@ -10,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.view.anatomy import Picture, picture_of
+from ..model.knee import KneeModel
+from ..model.types import MM, Floats
+from .anatomy import Picture, picture_of
 
 BONE_FILL = "#F0E8D6"
 CARTILAGE_FILL = "#A9D0EC"

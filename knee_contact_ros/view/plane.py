@@ -6,8 +6,6 @@ moved and magnified, but not rotated. Layers in front are slightly nearer to the
 y is negated here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,10 +13,10 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import MM, Floats, Rows
-from knee_contact_ros.streams.topics import SHANK, THIGH
-from knee_contact_ros.view import colours, layout
-from knee_contact_ros.view.anatomy import (
+from ..model.types import MM, Floats, Rows
+from ..streams.topics import SHANK, THIGH
+from . import colours, layout
+from .anatomy import (
     NEWTONS_PER_MM,
     OVERLAP_POINTS,
     KneeOutlines,
@@ -26,8 +24,8 @@ from knee_contact_ros.view.anatomy import (
     signed_areas,
     to_tibia_frame,
 )
-from knee_contact_ros.view.colours import Colour
-from knee_contact_ros.view.layout import MAGNIFICATION, SCALE_BAR
+from .colours import Colour
+from .layout import MAGNIFICATION, SCALE_BAR
 
 _ON_SCREEN = np.array([MM, -MM])
 """Factors from m in the tibia frame to mm on the screen"""

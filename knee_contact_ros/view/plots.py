@@ -1,7 +1,5 @@
 """The plots beside the knee in Rerun: which curves they have, with their colours, units and titles."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -9,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.model.types import FIELDS, FLAT, MM, Floats, Rows
-from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import KneeOutlines
+from ..model.types import FIELDS, FLAT, MM, Floats, Rows
+from . import colours
+from .anatomy import KneeOutlines
 
 DEGREES = math.degrees(1.0)
 MICROMETRES = 1e6

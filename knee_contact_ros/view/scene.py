@@ -1,7 +1,5 @@
 """The scene of one knee in a Rerun recording, written batch by batch: the knee, its curves, states and events."""
 
-from __future__ import annotations
-
 import json
 import math
 import time
@@ -13,16 +11,16 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
-from knee_contact_ros.model.readouts import READOUTS_OF_LAW, Readings
-from knee_contact_ros.model.types import MM, ContactState, Rows, Status, blank_answers
-from knee_contact_ros.results import FIRST_DATE
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF, runs
-from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
-from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK
-from knee_contact_ros.system.files import share_folder
-from knee_contact_ros.view import colours, layout, plane, plots
-from knee_contact_ros.view.anatomy import KneeOutlines
-from knee_contact_ros.view.colours import KNEE_COLOURS, STATE_NAMES, Colour
+from ..model.readouts import READOUTS_OF_LAW, Readings
+from ..model.types import MM, ContactState, Rows, Status, blank_answers
+from ..results import FIRST_DATE
+from ..streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF, runs
+from ..streams.strides import CERTAIN, Stride, Strides
+from ..streams.topics import LEG_URDF, NANOSECONDS, SHANK
+from ..system.files import share_folder
+from . import colours, layout, plane, plots
+from .anatomy import KneeOutlines
+from .colours import KNEE_COLOURS, STATE_NAMES, Colour
 
 PICTURE_PERIOD = 5_000_000
 """Time [ns] between two pictures: they are more than a screen can show"""

@@ -1,12 +1,9 @@
 """The shipped bags: what is in them, and that they can be made again to the byte."""
 
-from __future__ import annotations
-
 import csv
 import runpy
 import sys
 from decimal import Decimal
-from pathlib import Path
 
 import pytest
 
@@ -20,7 +17,7 @@ SIDES = ("right", "left")
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_bags_hold_the_tables_numbers(reference_data: Path, side: str) -> None:
+def test_bags_hold_the_tables_numbers(reference_data, side):
     with (reference_data / "gait" / f"gait2354_{side}.csv").open() as lines:
         rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     messages = read_bag(share_folder() / "bags" / f"gait2354_{side}", INPUT_TYPES)
@@ -33,9 +30,7 @@ def test_bags_hold_the_tables_numbers(reference_data: Path, side: str) -> None:
         assert force.wrench.torque.x == float(row["Mx"])
 
 
-def test_bags_can_be_made_again(
-    reference_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bags_can_be_made_again(reference_data, tmp_path, monkeypatch):
     script = ROOT / "scripts" / "make_gait_bags.py"
     monkeypatch.setattr(sys, "argv", [str(script), str(reference_data / "gait"), str(tmp_path)])
     with pytest.raises(SystemExit) as ended:

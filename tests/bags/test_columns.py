@@ -1,7 +1,5 @@
 """Messages in columns: cut, joined, found in chunks and written, they are the same as one by one."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 
@@ -23,14 +21,14 @@ ROWS = [(number % 3, 7 * number % 40, b"%d" % number) for number in range(40)]
 NAMES = [f"/{topic}" for topic in RECORDED]
 
 
-def batch(rows: list[tuple[int, int, bytes]]) -> Batch:
+def batch(rows):
     numbers, times, data = zip(*rows, strict=True)
     return Batch(np.array(numbers, np.intp), np.array(times, np.uint64), Column.of(data))
 
 
 @pytest.mark.parametrize("most", [1, 3, 8, 39, 40, 41])
 @pytest.mark.parametrize("sizes", [[40], [0, 5, 0, 35], [1] * 40, [17, 23]])
-def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:
+def test_blocks_are_of_one_size(most, sizes):
     ends = np.cumsum(sizes).tolist()
     batches = [
         batch(ROWS).select(slice(end - size, end)) for size, end in zip(sizes, ends, strict=True)
@@ -46,7 +44,7 @@ PLACES = [at for at in range(len(DATA)) if DATA[at : at + 1] == b"\5"]
 
 
 @pytest.mark.parametrize("length", [0, 21, 2**63, 2**64 - 9])
-def test_a_length_that_leads_back_is_damage(length: int) -> None:
+def test_a_length_that_leads_back_is_damage(length):
     data = bytearray(DATA)
     data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
     with pytest.raises(DamagedError, match="bytes that are not records"):
@@ -54,7 +52,7 @@ def test_a_length_that_leads_back_is_damage(length: int) -> None:
     assert len(chunk_content(bytes(data), is_cut=True)[0]) == 4
 
 
-def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[TopicMessages]:
+def rows_of(dice, most, longest):
     """Up to so many messages of each topic, in any order and of any stamps; of some topics none."""
     rows = []
     for name in dice.permutation(NAMES).tolist():
@@ -67,7 +65,7 @@ def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[TopicMes
     return rows
 
 
-def one_by_one(bag: BagWriter, rows: list[TopicMessages]) -> None:
+def one_by_one(bag, rows):
     order = sorted(
         (int(place), number, i)
         for number, row in enumerate(rows)
@@ -85,9 +83,7 @@ def one_by_one(bag: BagWriter, rows: list[TopicMessages]) -> None:
     most=st.sampled_from([1, 5, 300]),
     longest=st.sampled_from([1, 300, 3000]),
 )
-def test_a_block_is_as_its_messages_one_by_one(
-    tmp_path_factory: pytest.TempPathFactory, seed: int, most: int, longest: int
-) -> None:
+def test_a_block_is_as_its_messages_one_by_one(tmp_path_factory, seed, most, longest):
     """Also among single messages, over the ends of chunks, and where the first message is not of the first topic."""
     folder, files = tmp_path_factory.mktemp("bags"), list[bytes]()
     for way in (write_messages, one_by_one):

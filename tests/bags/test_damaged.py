@@ -1,10 +1,5 @@
 """Damaged bags in `solve`: what can be read is computed, and what is missing is said."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
-import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
@@ -23,12 +18,12 @@ from tests.helpers.offline import solve
 CONTACT = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
 
 
-def damage_of(bag: Path) -> list[str]:
+def damage_of(bag):
     with Bag(bag) as opened:
         return opened.damage
 
 
-def test_the_answer_after_a_hole_is_stale(tmp_path: Path) -> None:
+def test_the_answer_after_a_hole_is_stale(tmp_path):
     bag = tmp_path / "bag.mcap"
     mcap(bag, CompressionType.NONE)
     content = bytearray(bag.read_bytes())
@@ -53,9 +48,7 @@ def test_the_answer_after_a_hole_is_stale(tmp_path: Path) -> None:
     assert notes[SOURCE_DAMAGE] == {"source": "bag.mcap", "faults": "\n".join(summary.damage)}
 
 
-def test_the_command_ends_with_code_1_and_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_ends_with_code_1_and_one_line(tmp_path, capsys):
     bag = tmp_path / "bag.mcap.partial"
     mcap(bag, CompressionType.ZSTD)
     bag.write_bytes(bag.read_bytes()[:6000])
@@ -67,7 +60,7 @@ def test_the_command_ends_with_code_1_and_one_line(
     assert 0 < len(read_bag(tmp_path / "out.mcap", CONTACT)) < TICKS
 
 
-def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None:
+def test_without_metadata_the_numbered_files_are_the_bag(tmp_path):
     split(tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").unlink()
     assert [tuple(message) for message in raw_messages(tmp_path / "bag")] == list(messages())
@@ -76,7 +69,7 @@ def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None
     assert damage_of(tmp_path / "bag") == ["metadata.yaml cannot be read"]
 
 
-def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
+def test_of_several_sqlite3_files_one_may_be_broken(tmp_path):
     sqlite(tmp_path / "bag")
     (tmp_path / "bag" / "bag_1.db3").write_bytes(b"")
     metadata = tmp_path / "bag" / "metadata.yaml"
@@ -85,7 +78,7 @@ def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
     assert any(fault.startswith("bag_1.db3: ") for fault in damage_of(tmp_path / "bag"))
 
 
-def test_a_file_that_metadata_does_not_list_is_missed_by_its_messages(tmp_path: Path) -> None:
+def test_a_file_that_metadata_does_not_list_is_missed_by_its_messages(tmp_path):
     split(tmp_path / "bag")
     metadata = tmp_path / "bag" / "metadata.yaml"
     metadata.write_text(

@@ -1,8 +1,5 @@
 """Power that fails between two calls of the disk: what a recording is then worth."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +10,7 @@ from knee_contact_ros.bags.recorder import FileLimits, RecorderSettings
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.patience import wait_until
-from tests.helpers.sinks import Started, close, put, recorded_ticks
+from tests.helpers.sinks import close, put, recorded_ticks
 
 SETTINGS = RecorderSettings(0.02, FileLimits(duration=50_000_000), sync_period=0.05)
 FOLDER = "bag"
@@ -30,7 +27,7 @@ class Call(NamedTuple):
     data: bytes
 
 
-def calls(log: Path) -> list[Call]:
+def calls(log):
     """What was called so far."""
     lines = [
         line.split("\t") for line in log.read_text().split("\n")[:-1]
@@ -42,7 +39,7 @@ def calls(log: Path) -> list[Call]:
 
 
 @pytest.fixture
-def log(watching: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def log(watching, tmp_path, monkeypatch):
     """Log of the calls in a folder, for recorders that are started in this test."""
     monkeypatch.setenv("LD_PRELOAD", str(watching))
     monkeypatch.setenv("WATCHED_FOLDER", str(tmp_path / FOLDER))
@@ -53,7 +50,7 @@ def log(watching: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 class Disk:
     """What a log of calls leaves on a disk when the power fails."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.names: dict[Path, list[Call]] = {}
         """What was written into the file of a name; two names may have one file"""
         self.former: dict[Path, list[Call]] = {}
@@ -62,7 +59,7 @@ class Disk:
         self.kept: dict[int, int] = {}
         """How many of a file's writes are on the disk for certain, by its list"""
 
-    def take(self, call: Call) -> None:
+    def take(self, call):
         """Do what was called."""
         if call.what == "create":
             self.names[call.path] = []
@@ -80,7 +77,7 @@ class Disk:
         elif call.what == "fsync":
             self.kept_names = dict(self.names)
 
-    def left(self, how: str) -> Iterator[tuple[Path, bytes]]:
+    def left(self, how):
         """The files: their names and bytes."""
         names = self.names if how == "all" else self.kept_names
         for path, writes in names.items():
@@ -102,7 +99,7 @@ class Disk:
             yield path, content(certain + rest)
 
 
-def content(writes: list[Call]) -> bytes:
+def content(writes):
     """Of a file."""
     data = bytearray()
     for write in writes:
@@ -114,9 +111,7 @@ HOW = ("nothing", "torn", "zeros", "backwards", "all")
 """What becomes of that which was not asked for to be on the disk"""
 
 
-def test_synced_answers_survive_a_power_failure(
-    log: Path, started: Started, tmp_path: Path
-) -> None:
+def test_synced_answers_survive_a_power_failure(log, started, tmp_path):
     path, numbers = tmp_path / FOLDER / RECORDING, 0
     sink = started.recorder(path, settings=SETTINGS)
     for number in (30, 45, 80):  # the recording goes on in a new file meanwhile
@@ -138,7 +133,7 @@ def test_synced_answers_survive_a_power_failure(
     assert most == numbers
 
 
-def synced(made: list[Call], place: Path) -> int:
+def synced(made, place):
     """How many answers are on the disk for certain."""
     disk = Disk()
     for call in made:
@@ -146,7 +141,7 @@ def synced(made: list[Call], place: Path) -> int:
     return found_on(disk, "nothing", place / "so_far")
 
 
-def found_on(disk: Disk, how: str, folder: Path) -> int:
+def found_on(disk, how, folder):
     """How many answers, without holes, `recover` finds on a disk on which the power has failed."""
     found: set[int] = set()
     for path, data in disk.left(how):
@@ -156,7 +151,7 @@ def found_on(disk: Disk, how: str, folder: Path) -> int:
 
 
 @cache
-def found_in(data: bytes, folder: Path) -> frozenset[int]:
+def found_in(data, folder):
     """The numbers of the answers that `recover` finds in a file; it works in `folder`."""
     folder.mkdir(exist_ok=True)
     (folder / RECORDING).write_bytes(data)

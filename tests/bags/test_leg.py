@@ -1,9 +1,6 @@
 """The leg in recordings: what is drawn of it, and where."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,13 +19,13 @@ from tests.helpers.offline import solve
 
 
 @pytest.fixture(scope="module")
-def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag, tmp_path_factory):
     path = tmp_path_factory.mktemp("leg") / "out.mcap"
     solve(right_bag, load_parameters(["healthy"]), path)
     return path
 
 
-def test_the_thigh_is_where_the_answers_have_the_femur(recording: Path) -> None:
+def test_the_thigh_is_where_the_answers_have_the_femur(recording):
     answers = read_answers(recording)
     by_stamp = {int(answer["stamp"]): answer for answer in answers}
     moves = [message.message.transforms for message in read_bag(recording, types_of([TF]))]
@@ -48,7 +45,7 @@ def test_the_thigh_is_where_the_answers_have_the_femur(recording: Path) -> None:
         )
 
 
-def test_the_description_is_a_leg_whose_condyles_touch_the_plateau(recording: Path) -> None:
+def test_the_description_is_a_leg_whose_condyles_touch_the_plateau(recording):
     yourdfpy = pytest.importorskip(
         "yourdfpy", reason="needs yourdfpy, of the development environment"
     )

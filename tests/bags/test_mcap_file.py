@@ -1,9 +1,6 @@
 """Damaged MCAP files: what is read is what was written, and what is missing is said."""
 
-from __future__ import annotations
-
 from contextlib import closing, nullcontext
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 from knee_contact_ros.bags.arrival import by_arrival
 from knee_contact_ros.bags.mcap_file import MAX_RECORDS, McapFile
 from knee_contact_ros.system.errors import UsageError
-from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
+from studies.fuzz_bags.bags import TICKS, mcap, messages
 from tests.hostile.bags import channel, chunk, message, record, schema, whole, zstd_of_zeros
 
 FORMS = {
@@ -26,13 +23,13 @@ FORMS = {
 WRITTEN, STATE = list(messages()), "sensor_msgs/msg/JointState"
 
 
-def made(tmp_path: Path, form: str) -> Path:
+def made(tmp_path, form):
     path = tmp_path / "bag.mcap"
     FORMS[form](path)
     return path
 
 
-def read(path: Path) -> tuple[list[Message], list[str]]:
+def read(path):
     """Messages by time, and faults."""
     with closing(McapFile(path)) as file:
         numbers = {number: number for number in file.declared}
@@ -42,7 +39,7 @@ def read(path: Path) -> tuple[list[Message], list[str]]:
         return [(topics[number], time, data) for number, time, data in found], file.faults
 
 
-def chunks(path: Path) -> list[tuple[int, int]]:
+def chunks(path):
     """Offsets and lengths of the chunks, by the file's own index."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -52,14 +49,14 @@ def chunks(path: Path) -> list[tuple[int, int]]:
     )
 
 
-def change(path: Path, offset: int, data: bytes) -> None:
+def change(path, offset, data):
     content = bytearray(path.read_bytes())
     content[offset : offset + len(data)] = data
     path.write_bytes(content)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: str) -> None:
+def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path, form):
     path = made(tmp_path, form)
     whole, most = path.read_bytes(), 0
     for size in range(len(whole) - 1, 8, -211):
@@ -74,9 +71,7 @@ def test_of_a_file_cut_off_anywhere_the_beginning_is_read(tmp_path: Path, form: 
 @pytest.mark.parametrize(
     "compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE]
 )
-def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(
-    tmp_path: Path, compression: CompressionType
-) -> None:
+def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(tmp_path, compression):
     path, random = tmp_path / "bag.mcap", np.random.default_rng(0)
     payloads = [random.bytes(1000) for _ in range(1000)]
     with path.open("wb") as file:
@@ -94,7 +89,7 @@ def test_the_beginning_of_a_chunk_that_is_cut_off_is_read(
     assert f"is cut off; {len(found)} of its messages are read" in faults[1]
 
 
-def test_damage_without_checksums(tmp_path: Path) -> None:
+def test_damage_without_checksums(tmp_path):
     path = made(tmp_path, "no checksums")
     payload = path.read_bytes().index(WRITTEN[50][2])
     change(path, payload - 10, b"\x01")  # of its log time
@@ -104,7 +99,7 @@ def test_damage_without_checksums(tmp_path: Path) -> None:
     assert "a topic's or a type's declaration cannot be read" in read(path)[1]
 
 
-def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path: Path) -> None:
+def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path):
     path = made(tmp_path, "plain")
     (offset, length), (last, last_length) = chunks(path)[0], chunks(path)[-1]
     change(path, offset + length - 20, b"\xff\xff")  # in a payload
@@ -115,7 +110,7 @@ def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path: P
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_overlapping_chunks_are_read_by_time(tmp_path: Path, seed: int) -> None:
+def test_overlapping_chunks_are_read_by_time(tmp_path, seed):
     dice, path, chunks = np.random.default_rng(seed), tmp_path / "bag.mcap", []
     times = [sorted(dice.integers(0, 200, dice.integers(1, 9)).tolist()) for _ in range(100)]
     times[seed] = list(range(300))
@@ -132,9 +127,7 @@ def test_overlapping_chunks_are_read_by_time(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize("pause", [25, 500])
-def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(
-    tmp_path: Path, pause: int
-) -> None:
+def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(tmp_path, pause):
     times = np.cumsum(
         np.where(np.arange(500) % 5 == 0, pause, 1)
     )  # five messages at a time, as over a radio
@@ -146,7 +139,7 @@ def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(
     assert [time for _, time, _ in read(path)[0]] == times.tolist()
 
 
-def test_too_large_chunks_are_left_out(tmp_path: Path) -> None:
+def test_too_large_chunks_are_left_out(tmp_path):
     path = tmp_path / "bag.mcap"
     for content, words in (
         (whole(chunk(zstd_of_zeros(1024), 2**28)), "more than 200 times the file"),
@@ -160,9 +153,7 @@ def test_too_large_chunks_are_left_out(tmp_path: Path) -> None:
             assert any(words in fault for fault in file.faults)
 
 
-def test_memory_of_overlapping_chunks_is_limited(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_of_overlapping_chunks_is_limited(tmp_path, monkeypatch):
     monkeypatch.setattr("knee_contact_ros.bags.arrival.MAX_BYTES_IN_MEMORY", 2**20)
     path, topics = tmp_path / "bag.mcap", schema(1, STATE, b"") + channel(1, "/joint_states")
     for last, refused in ((0, False), (300, True)):

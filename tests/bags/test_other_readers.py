@@ -1,7 +1,5 @@
 """Recordings, in one file and in several, as other people's tools see them."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +17,7 @@ NUMBER = 500
 
 
 @pytest.fixture(scope="module", params=["one file", "several files"])
-def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(request, tmp_path_factory):
     """The folder of a recording."""
     folder = tmp_path_factory.mktemp("recording")
     record(
@@ -30,12 +28,12 @@ def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return folder
 
 
-def files(recording: Path) -> list[Path]:
+def files(recording):
     """Of a recording."""
     return sorted(recording.glob("*.mcap"))
 
 
-def test_rosbags_reads_it_as_one_bag(recording: Path) -> None:
+def test_rosbags_reads_it_as_one_bag(recording):
     with AnyReader([recording]) as reader:
         stamps = [
             stamp // MS
@@ -53,7 +51,7 @@ def test_rosbags_reads_it_as_one_bag(recording: Path) -> None:
 
 
 @needs_viewer
-def test_rerun_takes_every_file(recording: Path, tmp_path: Path) -> None:
+def test_rerun_takes_every_file(recording, tmp_path):
     rerun = Path(sys.executable).with_name("rerun")
     for path in files(recording):
         target = tmp_path / f"{path.name}.rrd"

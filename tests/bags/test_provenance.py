@@ -1,11 +1,8 @@
 """A recording says how it came about, and can be computed again from itself alone."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,7 +27,7 @@ from tests.helpers.offline import solve
 from tests.helpers.recordings_of import recording_with
 
 
-def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
+def messages(path):
     """All of a recording, in the order of the file."""
     with path.open("rb") as file:
         return [
@@ -39,15 +36,13 @@ def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
         ]
 
 
-def metadata(path: Path) -> list[tuple[str, dict[str, str]]]:
+def metadata(path):
     """Metadata records in the order of the file."""
     with path.open("rb") as file:
         return [(record.name, record.metadata) for record in make_reader(file).iter_metadata()]
 
 
-def test_a_recording_is_computed_again_from_itself_alone(
-    config: Path, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_is_computed_again_from_itself_alone(config, right_bag, tmp_path, capsys):
     """Even where the files that its parameters named are gone."""
     profile, mine = tmp_path / "my_femur.csv", tmp_path / "mine.yaml"
     shutil.copy(config / "femur_medial.csv", profile)
@@ -70,8 +65,8 @@ def test_a_recording_is_computed_again_from_itself_alone(
 
 
 def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
-    old_recording: Path, right_bag: Path, tmp_path: Path
-) -> None:
+    old_recording, right_bag, tmp_path
+):
     found = read_provenance(old_recording)
     assert found is not None
     assert found.parameters.fidelity.force_tolerance == 0.0  # the default: it knew of none
@@ -80,9 +75,7 @@ def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
     assert messages(tmp_path / "again.mcap") == messages(tmp_path / "new.mcap")
 
 
-def test_the_record_names_package_model_parameters_and_source(
-    right_bag: Path, tmp_path: Path
-) -> None:
+def test_the_record_names_package_model_parameters_and_source(right_bag, tmp_path):
     copied = tmp_path / "bag.mcap"
     shutil.copy(next(right_bag.glob("*.mcap")), copied)
     solve(copied, load_parameters("healthy"), tmp_path / "out.mcap")
@@ -95,7 +88,7 @@ def test_the_record_names_package_model_parameters_and_source(
     assert not [name for name in parameters if name.startswith(("record", "rerun", "autostart"))]
 
 
-def test_changes_of_the_node_are_repeated(right_bag: Path, tmp_path: Path) -> None:
+def test_changes_of_the_node_are_repeated(right_bag, tmp_path):
     """Changes count from the beginning of the recording, whatever the node had computed before."""
     recording = tmp_path / "out.mcap"
     with BagWriter(recording) as bag:
@@ -143,9 +136,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_damaged_change_is_reported(
-    name: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_change_is_reported(name, right_bag, tmp_path, capsys):
     """The others are made, all ticks computed, and the command ends as with a damaged bag."""
     kind, values, words = BROKEN[name]
     ours = provenance_record(load_parameters({}), {})
@@ -162,9 +153,7 @@ def test_a_damaged_change_is_reported(
     assert words in found["source_damage"]["faults"]
 
 
-def test_a_change_that_cannot_be_made_is_refused(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_change_that_cannot_be_made_is_refused(right_bag, tmp_path, capsys):
     ours = provenance_record(load_parameters({}), {})
     changed = ("parameters_changed", {"tick": "100", "contact.dampinh": "1.0"})
     recording = recording_with(tmp_path / "in.mcap", right_bag, [("knee_contact", ours), changed])
@@ -175,7 +164,7 @@ def test_a_change_that_cannot_be_made_is_refused(
     )
 
 
-def test_a_cut_off_recording_has_its_parameters(right_bag: Path, tmp_path: Path) -> None:
+def test_a_cut_off_recording_has_its_parameters(right_bag, tmp_path):
     solve(right_bag, load_parameters("osteoarthritis"), tmp_path / "out.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "out.mcap").read_bytes()[:-5000])
@@ -184,7 +173,7 @@ def test_a_cut_off_recording_has_its_parameters(right_bag: Path, tmp_path: Path)
     assert found.parameters == load_parameters("osteoarthritis")
 
 
-def test_a_later_file_alone_has_no_parameters(tmp_path: Path) -> None:
+def test_a_later_file_alone_has_no_parameters(tmp_path):
     with BagWriter(tmp_path / "run_0.mcap", limits=FileLimits(duration=10.0)) as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
         bag.add_metadata("knee_contact", provenance_record(load_parameters({}), {}))
@@ -199,7 +188,7 @@ def test_a_later_file_alone_has_no_parameters(tmp_path: Path) -> None:
         assert read_provenance(whole) is not None
 
 
-def test_another_recording_in_the_folder_is_ignored(right_bag: Path, tmp_path: Path) -> None:
+def test_another_recording_in_the_folder_is_ignored(right_bag, tmp_path):
     shutil.copytree(right_bag, tmp_path / "bag")
     folder, digest = tmp_path / "bag", bag_digest(tmp_path / "bag")
     with BagWriter(folder / "a_earlier.mcap") as bag:

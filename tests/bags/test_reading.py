@@ -1,7 +1,5 @@
 """Bags from other recorders' hands: the same messages whatever the storage, and one line for what cannot be read."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -22,11 +20,11 @@ Kind = Callable[[Path, list[RawMessage]], Path]
 
 
 @pytest.fixture(scope="module")
-def gait(request: pytest.FixtureRequest) -> list[RawMessage]:
+def gait(request):
     return raw_messages(request.getfixturevalue("right_bag"))
 
 
-def lz4_file(folder: Path, messages: list[RawMessage]) -> Path:
+def lz4_file(folder, messages):
     mcap = Mcap(folder.with_suffix(".mcap"), CompressionType.LZ4)
     channels = mcap.channels()
     for message in messages:
@@ -34,12 +32,10 @@ def lz4_file(folder: Path, messages: list[RawMessage]) -> Path:
     return mcap.close()
 
 
-def kind(
-    storage: StoragePlugin, mode: str = "NONE", split: bool = False, alone: bool = False
-) -> Kind:
+def kind(storage, mode="NONE", split=False, alone=False):
     """A bag in a folder, in one file or several, or its only file alone."""
 
-    def make(folder: Path, messages: list[RawMessage]) -> Path:
+    def make(folder, messages):
         bag = (write_split if split else write_rosbag2)(
             folder, messages, storage, CompressionMode[mode]
         )
@@ -66,9 +62,7 @@ KINDS: dict[str, Kind] = {
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-def test_every_kind_of_bag_gives_the_same_messages(
-    kind: Kind, gait: list[RawMessage], tmp_path: Path
-) -> None:
+def test_every_kind_of_bag_gives_the_same_messages(kind, gait, tmp_path):
     path = kind(tmp_path / "bag", gait)
     with Bag(path) as bag:
         reader = bag.select()
@@ -81,7 +75,7 @@ def test_every_kind_of_bag_gives_the_same_messages(
         assert bag.end > gait[-1].log_time
 
 
-def test_a_topic_on_two_channels_is_one_stream(gait: list[RawMessage], tmp_path: Path) -> None:
+def test_a_topic_on_two_channels_is_one_stream(gait, tmp_path):
     """As of two publishers, or of two files that were merged."""
     mcap = Mcap(tmp_path / "bag.mcap")
     first, second = mcap.channels(), mcap.channels()
@@ -92,9 +86,7 @@ def test_a_topic_on_two_channels_is_one_stream(gait: list[RawMessage], tmp_path:
 
 
 @pytest.mark.parametrize("profile", ["ros2", "", "x-lab"])
-def test_messages_of_other_kinds_and_profiles_do_not_matter(
-    profile: str, gait: list[RawMessage], tmp_path: Path
-) -> None:
+def test_messages_of_other_kinds_and_profiles_do_not_matter(profile, gait, tmp_path):
     mcap = Mcap(tmp_path / "bag.mcap", profile=profile)
     mcap.channel(ANGLE, WRENCH)  # a second type, without messages
     channels = mcap.channels()
@@ -128,15 +120,13 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
         ([], "/", "it must be a name"),
     ],
 )
-def test_a_wrong_rule_is_refused_with_advice(
-    remaps: list[str], namespace: str, words: str
-) -> None:
+def test_a_wrong_rule_is_refused_with_advice(remaps, namespace, words):
     with pytest.raises(UsageError) as caught:
         names_in_bag(remaps, namespace)
     assert words in str(caught.value)
 
 
-def empty(path: Path, channels: list[tuple[str, str]], encoding: str = "cdr") -> Path:
+def empty(path, channels, encoding="cdr"):
     """A file whose channels have one message each."""
     mcap = Mcap(path)
     for number, (topic, kind) in enumerate(channels):
@@ -173,22 +163,18 @@ STATE, WRENCH = INPUT_TYPES.values()
         ),
     ],
 )
-def test_a_missing_topic_is_refused_with_those_there_are(
-    channels: list[tuple[str, str]], words: str, tmp_path: Path
-) -> None:
+def test_a_missing_topic_is_refused_with_those_there_are(channels, words, tmp_path):
     with pytest.raises(UsageError) as caught:
         raw_messages(empty(tmp_path / "bag.mcap", channels))
     assert words in str(caught.value)
 
 
-def test_a_topic_that_is_no_cdr_is_refused(tmp_path: Path) -> None:
+def test_a_topic_that_is_no_cdr_is_refused(tmp_path):
     with pytest.raises(UsageError, match="topic /joint_states is encoded as json; it must be cdr"):
         raw_messages(empty(tmp_path / "json.mcap", list(INPUT_TYPES.items()), encoding="json"))
 
 
-def test_a_compressed_file_that_somebody_unpacked_is_read(
-    gait: list[RawMessage], tmp_path: Path
-) -> None:
+def test_a_compressed_file_that_somebody_unpacked_is_read(gait, tmp_path):
     folder = write_rosbag2(tmp_path / "bag", gait, MCAP, CompressionMode.FILE)
     (packed,) = folder.glob("*.zstd")
     with packed.open("rb") as source, packed.with_suffix("").open("wb") as target:
@@ -198,9 +184,7 @@ def test_a_compressed_file_that_somebody_unpacked_is_read(
 
 
 @pytest.mark.parametrize("storage", [SQLITE, MCAP])
-def test_a_file_of_compressed_messages_asks_for_its_folder(
-    storage: StoragePlugin, gait: list[RawMessage], tmp_path: Path
-) -> None:
+def test_a_file_of_compressed_messages_asks_for_its_folder(storage, gait, tmp_path):
     folder = write_rosbag2(tmp_path / "bag", gait, storage, CompressionMode.MESSAGE)
     (file,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
     with pytest.raises(UsageError, match=r"has compressed messages: give its folder"):

@@ -1,9 +1,5 @@
 """Reading the answers of a recording as columns."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -23,13 +19,13 @@ CONTACT = MESSAGE_TYPES["knee_contact"]
 
 
 @pytest.fixture(scope="module")
-def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag, tmp_path_factory):
     path = tmp_path_factory.mktemp("answers") / "osteoarthritic.mcap"
     solve(right_bag, load_parameters(["osteoarthritis"]), path)
     return path
 
 
-def test_columns_hold_the_numbers_of_the_messages(recording: Path) -> None:
+def test_columns_hold_the_numbers_of_the_messages(recording):
     answers = read_answers(recording)
     messages = [entry.message for entry in read_bag(recording, {"/knee_contact": CONTACT})]
     assert answers["stamp"].tolist() == [stamp_to_ns(message.header.stamp) for message in messages]
@@ -48,16 +44,14 @@ def test_columns_hold_the_numbers_of_the_messages(recording: Path) -> None:
     assert answer_topics(recording) == ["/knee_contact"]
 
 
-def message(stamp: int, frame: str) -> bytes:
+def message(stamp, frame):
     rows = blank_answers(1)
     for number, name in enumerate(MESSAGE_FIELDS):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
 
 
-def test_recordings_from_before_a_field_stay_readable(
-    old_recording: Path, right_bag: Path, tmp_path: Path
-) -> None:
+def test_recordings_from_before_a_field_stay_readable(old_recording, right_bag, tmp_path):
     solve(right_bag, load_parameters(["healthy"]), tmp_path / "now.mcap")
     old, now = read_answers(old_recording), read_answers(tmp_path / "now.mcap")
     assert old["stamp"].tolist() == now["stamp"].tolist()
@@ -72,7 +66,7 @@ def test_recordings_from_before_a_field_stay_readable(
     )  # both within 1e-6 m of the exact one
 
 
-def test_a_file_of_two_definitions_is_refused(old_recording: Path, tmp_path: Path) -> None:
+def test_a_file_of_two_definitions_is_refused(old_recording, tmp_path):
     """As `mcap merge` makes it of an old and a new recording."""
     with old_recording.open("rb") as file:
         schema, _, entry = next(iter(make_reader(file).iter_messages("/knee_contact")))
@@ -94,9 +88,7 @@ def test_a_file_of_two_definitions_is_refused(old_recording: Path, tmp_path: Pat
         read_answers(tmp_path / "both.mcap")
 
 
-def test_unusable_recordings_are_one_line(
-    tmp_path: Path, right_bag: Path, recording: Path
-) -> None:
+def test_unusable_recordings_are_one_line(tmp_path, right_bag, recording):
     with pytest.raises(UsageError, match="no bag at"):
         answer_topics(tmp_path / "nothing.mcap")
     with pytest.raises(UsageError, match="has no topic /knee_contact"):

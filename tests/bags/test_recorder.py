@@ -1,14 +1,10 @@
 """The recorder as a sink: what it keeps, whatever happens to it, its disk and the node."""
 
-from __future__ import annotations
-
 import os
 import re
 import resource
 import signal
-from pathlib import Path
 from shutil import disk_usage
-from typing import Any
 
 import pytest
 from mcap.records import Metadata
@@ -34,7 +30,6 @@ from tests.helpers.sinks import (
     SETTINGS,
     TYPES,
     MayWait,
-    Started,
     answer,
     close,
     pid,
@@ -47,9 +42,7 @@ from tests.helpers.sinks import (
 QUEUES = [MayWait(1000), MayWait(10**6, 2.2)]
 
 
-def test_a_recording_holds_what_solve_writes(
-    started: Started, right_bag: Path, tmp_path: Path
-) -> None:
+def test_a_recording_holds_what_solve_writes(started, right_bag, tmp_path):
     parameters = load_parameters("healthy")
     pipeline = ContactPipeline(parameters, compiled=False)
     sink = started.recorder(
@@ -81,9 +74,7 @@ def test_a_recording_holds_what_solve_writes(
 
 
 @needs_viewer
-def test_a_full_disk_stops_the_recording_with_one_message(
-    started: Started, tmp_path: Path
-) -> None:
+def test_a_full_disk_stops_the_recording_with_one_message(started, tmp_path):
     path = tmp_path / "out.mcap"
     recording, picture = (
         started.recorder(path, wait=False),
@@ -107,7 +98,7 @@ def test_a_full_disk_stops_the_recording_with_one_message(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
 
 
-def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_path: Path) -> None:
+def test_a_recording_ends_whole_before_the_disk_is_full(started, tmp_path):
     free = disk_usage(tmp_path).free
     path = tmp_path / "out.mcap"
     sink = started.recorder(path, settings=SETTINGS._replace(min_free=free - 50_000_000))
@@ -135,7 +126,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_pa
     assert names == [PROVENANCE, INTERRUPTION, "rosbag2"]
 
 
-def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None:
+def test_a_nearly_full_disk_is_refused(started, tmp_path):
     path = tmp_path / "new" / "out.mcap"
     sink = started.recorder(path, wait=False, settings=SETTINGS._replace(min_free=1e18))
     sink.wait_until_known()
@@ -148,7 +139,7 @@ def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_killed_recorder_leaves_readable_files(started: Started, tmp_path: Path) -> None:
+def test_a_killed_recorder_leaves_readable_files(started, tmp_path):
     limits = FileLimits(duration=100_000_000)
     sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
     put(sink, range(450))
@@ -169,9 +160,7 @@ def test_a_killed_recorder_leaves_readable_files(started: Started, tmp_path: Pat
 
 
 @pytest.mark.parametrize(("queue", "fits"), list(zip(QUEUES, (1000, 1100), strict=True)))
-def test_a_recording_has_no_gaps(
-    started: Started, tmp_path: Path, monkeypatch: Any, queue: MayWait, fits: int
-) -> None:
+def test_a_recording_has_no_gaps(started, tmp_path, monkeypatch, queue, fits):
     monkeypatch.setattr("knee_contact_ros.system.processes.EXIT_TIMEOUT", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)

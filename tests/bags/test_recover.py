@@ -1,18 +1,15 @@
 """`recover`: all that can be read, in a file that every reader takes."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing, suppress
-from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.reader import McapReader, NonSeekingReader, make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
@@ -30,7 +27,7 @@ Row = tuple[str, int, bytes]
 
 
 @pytest.fixture
-def cut(tmp_path: Path) -> Path:
+def cut(tmp_path):
     """A recording that was cut off."""
     path = tmp_path / "bag.mcap.partial"
     mcap(path, CompressionType.ZSTD)
@@ -39,7 +36,7 @@ def cut(tmp_path: Path) -> Path:
     return path
 
 
-def content(path: Path) -> dict[str, list[Any]]:
+def content(path):
     """All that a file holds, by the name of the record; strictly read."""
     found: dict[str, list[Any]] = {}
     with path.open("rb") as file:
@@ -48,7 +45,7 @@ def content(path: Path) -> dict[str, list[Any]]:
     return found
 
 
-def test_a_cut_off_recording_is_whole_again(cut: Path, tmp_path: Path) -> None:
+def test_a_cut_off_recording_is_whole_again(cut, tmp_path):
     before, output = cut.read_bytes(), tmp_path / "bag.mcap"
     recovery = recover(cut, output)
     assert cut.read_bytes() == before
@@ -72,7 +69,7 @@ def test_a_cut_off_recording_is_whole_again(cut: Path, tmp_path: Path) -> None:
     assert notes[RECOVERED]["faults"] == "\n".join(recovery.faults)
 
 
-def test_everything_else_stays_as_it_is(tmp_path: Path) -> None:
+def test_everything_else_stays_as_it_is(tmp_path):
     path, output = tmp_path / "in.mcap", tmp_path / "o" / "out.mcap"
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.LZ4)
@@ -105,9 +102,7 @@ def test_everything_else_stays_as_it_is(tmp_path: Path) -> None:
     )
 
 
-def test_the_missing_are_counted_where_the_statistics_are_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_missing_are_counted_where_the_statistics_are_left(tmp_path, capsys):
     path = tmp_path / "in.mcap"
     mcap(path, CompressionType.ZSTD)
     data, (offset, length) = bytearray(path.read_bytes()), chunks(path)[1]
@@ -123,7 +118,7 @@ def test_the_missing_are_counted_where_the_statistics_are_left(
     assert f"Recovered: {tmp_path / 'out.mcap'}" in said
 
 
-def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> None:
+def test_an_output_is_replaced_only_when_asked(cut, tmp_path):
     output = tmp_path / "bag.mcap"
     output.write_text("precious")
     with pytest.raises(UsageError, match="exists already"):
@@ -144,9 +139,7 @@ def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> Non
         (b"SQLite format 3\0", "sqlite3"),
     ],
 )
-def test_a_file_without_messages_is_refused(
-    tmp_path: Path, data: bytes | None, words: str
-) -> None:
+def test_a_file_without_messages_is_refused(tmp_path, data, words):
     path = tmp_path / "in.mcap"
     if data is not None:
         path.write_bytes(data)
@@ -158,9 +151,7 @@ def test_a_file_without_messages_is_refused(
 
 
 @pytest.mark.parametrize("fault", ["open:1", "write:1", "write:2", "fsync:1"])
-def test_a_full_disk_leaves_nothing_behind(
-    cut: Path, watching: Path, tmp_path: Path, fault: str
-) -> None:
+def test_a_full_disk_leaves_nothing_behind(cut, watching, tmp_path, fault):
     """The output that is to be replaced and what lies beside stay as they were."""
     folder = tmp_path / "full"
     folder.mkdir()
@@ -192,7 +183,7 @@ def test_a_full_disk_leaves_nothing_behind(
     assert output.read_text() == "precious"
 
 
-def test_an_output_that_appears_meanwhile_is_kept(cut: Path, tmp_path: Path) -> None:
+def test_an_output_that_appears_meanwhile_is_kept(cut, tmp_path):
     output = tmp_path / "bag.mcap"
     with pytest.raises(UsageError, match="appeared in the meantime and was not changed"):
         recover(cut, output, advance=lambda _done, _total: output.write_text("precious") and None)
@@ -210,48 +201,48 @@ Damage = Callable[[bytearray, list[int], int], object]
 """Change of a file whose chunks, and whose summary, begin at these offsets; the data of a chunk begin behind byte 48"""
 
 
-def put(begin: int, data: bytes, chunk: int | None = None) -> Damage:
+def put(begin, data, chunk=None):
     """Write over bytes of a chunk, or, from the end on if `begin` is negative, of the file."""
 
-    def damage(content: bytearray, chunks: list[int], _summary: int) -> None:
+    def damage(content, chunks, _summary):
         first = begin + (chunks[chunk] if chunk is not None else len(content) if begin < 0 else 0)
         content[first : first + len(data)] = data[: len(content) - first]
 
     return damage
 
 
-def deleted(chunk: int, begin: int, length: int) -> Damage:
+def deleted(chunk, begin, length):
     return lambda content, chunks, _: content.__delitem__(
         slice(chunks[chunk] + begin, chunks[chunk] + begin + length)
     )
 
 
-def inserted(data: Callable[[bytearray, list[int]], bytes]) -> Damage:
+def inserted(data):
     return lambda content, chunks, _: content.__setitem__(
         slice(chunks[2], chunks[2]), data(content, chunks)
     )
 
 
-def of_length(length: Callable[[list[int]], int]) -> Damage:
+def of_length(length):
     """Have the second chunk claim another length."""
     return lambda content, chunks, summary: put(1, length(chunks).to_bytes(8, "little"), 1)(
         content, chunks, summary
     )
 
 
-def without_index(damage: Damage) -> Damage:
+def without_index(damage):
     return lambda content, chunks, summary: (
         damage(content, chunks, summary),
         content.__delitem__(slice(summary, None)),
     )
 
 
-def every_opcode(content: bytearray, chunks: list[int], _summary: int) -> None:
+def every_opcode(content, chunks, _summary):
     for offset in chunks:
         content[offset] = 5
 
 
-def wrong_index(content: bytearray, chunks: list[int], summary: int) -> None:
+def wrong_index(content, chunks, summary):
     """Have the index of the chunks lie about the place of one."""
     begin = content.index(chunks[2].to_bytes(8, "little"), summary)
     content[begin : begin + 8] = b"\x55" * 8
@@ -329,7 +320,7 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
 """For each damage, whether all messages can be got back, and what is said"""
 
 
-def read_by_mcap(path: Path, kind: Callable[[Any], McapReader]) -> Iterator[Row]:
+def read_by_mcap(path, kind):
     with path.open("rb") as file:
         for _, channel, message in kind(file, validate_crcs=True).iter_messages(
             log_time_order=False
@@ -337,13 +328,13 @@ def read_by_mcap(path: Path, kind: Callable[[Any], McapReader]) -> Iterator[Row]
             yield channel.topic, message.log_time, message.data
 
 
-def read_by_rosbags(path: Path) -> Iterator[Row]:
+def read_by_rosbags(path):
     with AnyReader([path]) as reader:
         for connection, time, data in reader.messages():
             yield connection.topic, time, bytes(data)
 
 
-def as_far_as_it_goes(found: Iterator[Row]) -> set[Row]:
+def as_far_as_it_goes(found):
     rows = set()
     with suppress(Exception):  # whatever the damage provokes
         for row in found:
@@ -353,9 +344,7 @@ def as_far_as_it_goes(found: Iterator[Row]) -> set[Row]:
 
 @pytest.mark.parametrize("compression", CompressionType)
 @pytest.mark.parametrize("name", DAMAGES)
-def test_no_other_reader_reads_more_of_a_damaged_file(
-    tmp_path: Path, name: str, compression: CompressionType
-) -> None:
+def test_no_other_reader_reads_more_of_a_damaged_file(tmp_path, name, compression):
     """And nothing that was not written: checksums cover all messages here."""
     path, written = tmp_path / "in.mcap", set(messages())
     mcap(path, compression)

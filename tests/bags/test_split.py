@@ -1,11 +1,7 @@
 """Recordings in several files: each is whole, together they are one bag, and nothing is lost in between."""
 
-from __future__ import annotations
-
 import threading
-from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -23,7 +19,7 @@ TICK = 4
 """Messages of an answer"""
 
 
-def record(path: Path, numbers: range, limits: FileLimits, compressed: bool = True) -> None:
+def record(path, numbers, limits, compressed=True):
     """Record some answers."""
     with BagWriter(path, limits=limits, compressed=compressed) as bag:
         writer = AnswerWriter(bag, {})
@@ -32,14 +28,14 @@ def record(path: Path, numbers: range, limits: FileLimits, compressed: bool = Tr
         writer.write_ending(Ending((), {"not_finite": 3}))
 
 
-def information(folder: Path) -> Any:
+def information(folder):
     """What `metadata.yaml` says."""
     return YAML(typ="safe").load((folder / "metadata.yaml").read_text())[
         "rosbag2_bagfile_information"
     ]
 
 
-def stamps_of(path: Path) -> list[int]:
+def stamps_of(path):
     """The stamps [ms] of all messages of a file."""
     with path.open("rb") as file:
         return [
@@ -48,7 +44,7 @@ def stamps_of(path: Path) -> list[int]:
         ]
 
 
-def sequences(paths: list[Path]) -> dict[str, list[int]]:
+def sequences(paths):
     """The sequence numbers of the messages of several files, by topic."""
     found: dict[str, list[int]] = {}
     for path in paths:
@@ -58,13 +54,13 @@ def sequences(paths: list[Path]) -> dict[str, list[int]]:
     return found
 
 
-def names(folder: Path) -> list[str]:
+def names(folder):
     """Of all files."""
     return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.mark.parametrize("first", ["knee.mcap", "knee_0.mcap"])
-def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
+def test_a_recording_is_split_by_duration(tmp_path, first):
     record(tmp_path / first, range(250), FileLimits(duration=100 * MS))
     files = [first, "knee_1.mcap", "knee_2.mcap"]
     assert names(tmp_path) == sorted([*files, "metadata.yaml"])
@@ -95,7 +91,7 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
     }  # no leg
 
 
-def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
+def test_a_recording_is_split_by_size(tmp_path):
     record(tmp_path / "knee_0.mcap", range(3000), FileLimits(size=200_000), compressed=False)
     files = information(tmp_path)["relative_file_paths"]
     assert len(files) > 3
@@ -107,7 +103,7 @@ def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
         assert len(stamps_of(tmp_path / name)) % TICK == 0
 
 
-def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
+def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path):
     record(tmp_path / "knee.mcap", range(20), FileLimits(duration=MS))
     before = getrlimit(RLIMIT_NOFILE)
     with (tmp_path / "knee.mcap").open() as file:  # it has the next number
@@ -118,12 +114,10 @@ def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
         setrlimit(RLIMIT_NOFILE, before)
 
 
-def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(
-    tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path, monkeypatch):
     goes_on, complete = threading.Event(), McapWriter.complete
 
-    def slow(file: McapWriter) -> None:
+    def slow(file):
         assert goes_on.wait(30.0)
         complete(file)
 
@@ -139,7 +133,7 @@ def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(
     assert names(tmp_path) == ["knee.mcap", "knee_1.mcap", "knee_2.mcap", "metadata.yaml"]
 
 
-def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Path) -> None:
+def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path):
     folder = tmp_path / "bag"
     bag = BagWriter(folder / "knee.mcap", limits=FileLimits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
@@ -152,7 +146,7 @@ def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Pat
     assert (moved / "knee.mcap.partial").stat().st_size > 5000
 
 
-def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
+def test_another_bags_metadata_is_left_alone(tmp_path):
     record(tmp_path / "first.mcap", range(250), FileLimits(duration=100 * MS))
     before = information(tmp_path)
     record(tmp_path / "second.mcap", range(250), FileLimits(duration=100 * MS))

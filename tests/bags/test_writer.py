@@ -1,7 +1,5 @@
 """Recordings: what is written is what other people's readers read."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections import Counter
@@ -44,7 +42,7 @@ said = st.lists(
 )
 
 
-def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool) -> None:
+def write_by_library(path, like, parts, compressed):
     """The same by the `mcap` library's writer; the last metadata are those of our file."""
     with path.open("wb") as file, like.open("rb") as ours:
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
@@ -81,9 +79,7 @@ def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool
 @given(
     parts=st.lists(said | st.sampled_from(["flush", "note"]), max_size=6), compressed=st.booleans()
 )
-def test_a_file_has_the_bytes_of_the_librarys_writer(
-    tmp_path_factory: pytest.TempPathFactory, parts: list[Said], compressed: bool
-) -> None:
+def test_a_file_has_the_bytes_of_the_librarys_writer(tmp_path_factory, parts, compressed):
     """Over the ends of chunks, with stamps that go back; also files without messages."""
     folder = tmp_path_factory.mktemp("bags")
     with BagWriter(folder / "out.mcap", compressed=compressed) as bag:
@@ -107,7 +103,7 @@ MESSAGE = encode_answer(1, "", CONTACT.tobytes())
 
 
 @pytest.mark.parametrize("name", sorted(set(MESSAGE_TYPES.values())))
-def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
+def test_type_hashes_are_those_of_the_built_messages(name):
     package, _, message = name.split("/")
     built = Path(sys.prefix) / "share" / package / "msg" / f"{message}.json"
     if not built.exists():
@@ -129,14 +125,14 @@ def test_type_hashes_are_those_of_the_built_messages(name: str) -> None:
         ),
     ],
 )
-def test_an_existing_file_is_kept(tmp_path: Path, taken: str, words: str) -> None:
+def test_an_existing_file_is_kept(tmp_path, taken, words):
     (tmp_path / taken).write_text("all that is left")
     with pytest.raises(UsageError, match=words):
         BagWriter(tmp_path / "out.mcap")
     assert (tmp_path / taken).read_text() == "all that is left"
 
 
-def test_a_file_that_appears_meanwhile_is_kept(tmp_path: Path) -> None:
+def test_a_file_that_appears_meanwhile_is_kept(tmp_path):
     path = tmp_path / "rec.mcap"
     with BagWriter(path) as bag:
         bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])

@@ -1,13 +1,10 @@
 """The latency study: samples, searches and pages without a node, and a short run over real topics."""
 
-from __future__ import annotations
-
 import csv
 import math
 import subprocess
 import sys
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +26,7 @@ main()
 """
 
 
-def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
+def test_samples_are_gait_forth_and_back_without_a_leap():
     found = list(islice(driver.samples(1000.0, 7), 9000))
     states = [decode_joint_state(each.angle) for each in found]
     forces = [WRENCH.decode_message(each.force)[0] for each in found]
@@ -47,16 +44,16 @@ def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
     assert np.abs(np.diff(loads)).max() < 100.0
 
 
-def test_bare_nodes_offer_what_the_node_offers() -> None:
+def test_bare_nodes_offer_what_the_node_offers():
     assert QoSProfile(depth=INPUT_DEPTH) == bare.INPUT_QOS
     assert QoSProfile(depth=OUTPUT_DEPTH) == bare.OUTPUT_QOS
 
 
-def attempts(limit: float) -> list[study.Step]:
+def attempts(limit):
     """A search where rates up to a limit are sustained; each rate fails at the first attempt."""
     tried = set[float]()
 
-    def attempt(rate: float) -> study.Step:
+    def attempt(rate):
         good = rate <= limit and rate in tried
         tried.add(rate)
         verdict = study.SUSTAINED if good else study.NODE
@@ -74,11 +71,11 @@ def attempts(limit: float) -> list[study.Step]:
         (math.inf, 84703.3, "-"),
     ],
 )
-def test_the_highest_rate_and_what_limits_it(up_to: float, rate: float, limit: str) -> None:
+def test_the_highest_rate_and_what_limits_it(up_to, rate, limit):
     assert study.highest(attempts(up_to), driver.OURS, 1) == (pytest.approx(rate, abs=0.1), limit)
 
 
-def test_pages_and_their_data_are_written(tmp_path: Path) -> None:
+def test_pages_and_their_data_are_written(tmp_path):
     steps = attempts(1000.0) + [step._replace(candidate=driver.BARE) for step in attempts(2000.0)]
     moments = [
         study.Moment(ticks, memory, "11: 80.0, 12: 120.0", 0, 2000.0, 0.3, 1.0, 2.0, 3.0, 5.0)
@@ -96,7 +93,7 @@ def test_pages_and_their_data_are_written(tmp_path: Path) -> None:
         assert len(data.splitlines()) == 1 + len(page.rows)
 
 
-def test_a_short_run(tmp_path: Path) -> None:
+def test_a_short_run(tmp_path):
     options = ["--rounds", "1", "--duration", "1", "--rate", "200", "--output", str(tmp_path)]
     command = [sys.executable, "-c", SHORT, *options]
     done = subprocess.run(

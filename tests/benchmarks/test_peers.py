@@ -1,11 +1,7 @@
 """Each solver that is installed solves its short problem; one that fails is named, and others go on."""
 
-from __future__ import annotations
-
 import csv
 from collections import defaultdict
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +9,7 @@ from click.testing import CliRunner
 
 from benchmarks.peers import __main__ as command
 from benchmarks.peers import measure, ours
-from benchmarks.peers.problems import Problem, exact_depth, problems
+from benchmarks.peers.problems import exact_depth, problems
 
 PROBLEMS = {problem.name: problem for problem in problems()}
 STEPS = measure.Setting("20 per tick", 20.0)
@@ -23,7 +19,7 @@ ENTRIES = {entry.solver.name: entry for driver in DRIVERS for entry in measure.e
 del ENTRIES["knee-contact quasi_static"]  # it solves other equations than the reference
 
 
-def short(name: str, first: float, last: float) -> Problem:
+def short(name, first, last):
     """A part of a problem [s]."""
     problem = PROBLEMS[name]
     part = (problem.time >= first - 1e-9) & (problem.time <= last + 1e-9)
@@ -37,7 +33,7 @@ EXACT = [exact_depth(problem) for problem in PARTS]
 
 
 @pytest.fixture(scope="module")
-def workers() -> Iterator[dict[str, measure.Worker]]:
+def workers():
     """A process per peer."""
     running: dict[str, measure.Worker] = defaultdict(measure.Worker)
     yield running
@@ -47,9 +43,7 @@ def workers() -> Iterator[dict[str, measure.Worker]]:
 
 @pytest.mark.parametrize("entry", ENTRIES.values(), ids=ENTRIES)
 @pytest.mark.parametrize("mode", measure.MODES)
-def test_the_reference_is_met(
-    workers: dict[str, measure.Worker], entry: measure.Entry, mode: str
-) -> None:
+def test_the_reference_is_met(workers, entry, mode):
     solver = entry.solver
     if solver.run_in(mode) is None:
         return
@@ -62,7 +56,7 @@ def test_the_reference_is_met(
         assert np.abs(outcome.depth - exact).max() < 2e-6
 
 
-def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch):
     monkeypatch.setattr(measure, "LIMIT", 2.0)
     rows = measure.measure([PARTS[0]], measure.entries("tests.benchmarks.faulty"), 1)
     failures = {(each.solver, each.failure) for each in rows if each.failure}
@@ -74,9 +68,7 @@ def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) 
     assert [each.error > 0.0 for each in rows if each.solver == "answers"] == 3 * [True]
 
 
-def test_the_command_writes_its_three_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_writes_its_three_files(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "find_problems", lambda _names: [PARTS[0]])
     arguments = ["--output", str(tmp_path), "--problem", "gait", "--solver", "knee-contact"]
     result = CliRunner().invoke(

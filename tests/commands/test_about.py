@@ -1,25 +1,22 @@
 """What `about` tells."""
 
-from __future__ import annotations
-
 import platform
 import sys
 
 import numpy as np
-import pytest
 
 from knee_contact_ros import __version__
 from knee_contact_ros.commands import about
 from knee_contact_ros.commands.main import main
 
 
-def told(capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+def told(capsys):
     assert main(["about"]) == 0
     lines = capsys.readouterr().out.splitlines()
     return {name: fact.strip() for name, _, fact in (line.partition(":") for line in lines)}
 
 
-def test_it_names_versions_the_system_and_the_library(capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_names_versions_the_system_and_the_library(capsys):
     facts = told(capsys)
     assert facts["knee_contact_ros"].startswith(f"{__version__}, in ")
     assert facts["Python"] == f"{platform.python_version()}, {sys.executable}"
@@ -28,9 +25,7 @@ def test_it_names_versions_the_system_and_the_library(capsys: pytest.CaptureFixt
     assert facts["compiled model"].endswith((".so", ".dylib", ".dll"))
 
 
-def test_it_names_what_is_missing(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_names_what_is_missing(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy", None)
     monkeypatch.setitem(sys.modules, "knee_contact_ros.msg", None)
     monkeypatch.setattr(about, "found_library", lambda: None)

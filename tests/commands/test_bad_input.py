@@ -1,7 +1,5 @@
 """Bad input to every command: it is refused in one line with code 2, nothing is written, no input is replaced."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -110,13 +108,13 @@ BAD_INPUT: dict[str, dict[str, str]] = {
 """What is refused, by command and by its arguments"""
 
 
-def test_every_command_has_bad_input() -> None:
+def test_every_command_has_bad_input():
     untested = [*knee_contact.commands.keys() - BAD_INPUT.keys()]
     assert not untested, f"{untested}: add arguments that are refused to BAD_INPUT in {__file__}"
 
 
 @pytest.fixture(scope="module")
-def sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sensors(tmp_path_factory):
     """A bag of a walking leg's sensors."""
     return walking_bag(tmp_path_factory.mktemp("walk") / "walk.mcap", walk())
 
@@ -131,14 +129,14 @@ def sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
     + [("walk", "No such command 'walk'")],
 )
 def test_it_is_refused_in_one_line_and_nothing_is_written(
-    words: str,
-    reason: str,
-    right_bag: Path,
-    sensors: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+    words,
+    reason,
+    right_bag,
+    sensors,
+    tmp_path,
+    monkeypatch,
+    capfd,
+):
     if words.startswith(("node", "load", "replay", "demo", "watch")):
         pytest.importorskip("rclpy", reason="needs ROS")
     monkeypatch.chdir(tmp_path)
@@ -173,12 +171,12 @@ def test_it_is_refused_in_one_line_and_nothing_is_written(
 )
 @pytest.mark.parametrize("kind", ["loop", "pipe", "/dev/zero", "folder"])
 def test_pipes_devices_and_loops_are_refused(
-    words: str,
-    kind: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    words,
+    kind,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     monkeypatch.chdir(tmp_path)
     Path("loop").symlink_to("loop")
     Path("folder").mkdir()
@@ -196,9 +194,7 @@ def test_pipes_devices_and_loops_are_refused(
         "trade {0} --picture own.png",
     ],
 )
-def test_an_input_is_never_replaced(
-    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_input_is_never_replaced(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     own = Path(words.rsplit(maxsplit=1)[-1])
     own.write_text("precious")

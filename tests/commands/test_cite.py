@@ -1,19 +1,12 @@
 """`knee-contact cite`."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-
-import pytest
 
 from knee_contact_ros import __version__, solve
 from tests.helpers.commands import run
 
 
-def test_it_prints_what_a_paper_cites_as_text_and_as_json(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_prints_what_a_paper_cites_as_text_and_as_json(right_bag, tmp_path, capsys):
     recording = tmp_path / "out.mcap"
     solve(right_bag, output=recording)
     assert run(f"cite {recording}") == 0
@@ -25,9 +18,7 @@ def test_it_prints_what_a_paper_cites_as_text_and_as_json(
     assert lines == [f"{name}: {text}" for name, text in parts.items()]
 
 
-def test_a_damaged_recording_is_cited_as_far_as_it_can_be(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_recording_is_cited_as_far_as_it_can_be(right_bag, tmp_path, capsys):
     recording = tmp_path / "out.mcap"
     solve(right_bag, output=recording)
     content = recording.read_bytes()

@@ -1,10 +1,5 @@
 """The picture that the demo draws of a recording; the demo itself: `tests/ros`."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -21,7 +16,7 @@ from knee_contact_ros.commands import demo
 from knee_contact_ros.commands.demo import draw_peak
 
 
-def drawn(bag: Path, source: Any, folder: Path) -> str:
+def drawn(bag, source, folder):
     """Title of the picture `knee.png` of a bag, which is computed first."""
     parameters = load_parameters(source)
     solve(bag, parameters, folder / "knee.mcap")
@@ -35,9 +30,7 @@ def drawn(bag: Path, source: Any, folder: Path) -> str:
     [["healthy"], ["healthy", "osteoarthritis", "mri_femur"], ["healthy", "mri_knee"]],
     ids=lambda files: files[-1],
 )
-def test_the_picture_is_of_the_largest_load(
-    files: list[str], right_bag: Path, tmp_path: Path
-) -> None:
+def test_the_picture_is_of_the_largest_load(files, right_bag, tmp_path):
     from PIL import Image
 
     title = drawn(right_bag, files, tmp_path)
@@ -67,20 +60,18 @@ def test_the_picture_is_of_the_largest_load(
     ],
 )
 def test_the_title_names_the_largest_value_and_its_time(
-    tmp_path: Path, begin: int, step: float, parameters: dict[str, str], heights: Any, words: str
-) -> None:
+    tmp_path, begin, step, parameters, heights, words
+):
     rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
     assert (
         drawn(make_bag(tmp_path / "in.mcap", rows, heights=heights), parameters, tmp_path) == words
     )
 
 
-def test_an_answer_without_a_number_is_not_the_largest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_answer_without_a_number_is_not_the_largest(tmp_path, monkeypatch):
     bag = make_bag(tmp_path / "in.mcap", [(i * 5_000_000, 0.1, 800.0 + i) for i in range(20)])
 
-    def holed(recording: Path) -> np.ndarray:
+    def holed(recording):
         answers = read_answers(recording).copy()
         answers["load"][[0, 19]] = np.nan
         return answers
@@ -89,7 +80,7 @@ def test_an_answer_without_a_number_is_not_the_largest(
     assert drawn(bag, {}, tmp_path) == "largest load, at 0.090 s"
 
 
-def test_the_title_names_the_compartment(right_bag: Path, tmp_path: Path) -> None:
+def test_the_title_names_the_compartment(right_bag, tmp_path):
     assert drawn(right_bag, "both_compartments", tmp_path).startswith(
         "medial compartment, largest load, at "
     )

@@ -1,7 +1,5 @@
 """Results as JSON, and completion of the command line."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -18,16 +16,14 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.terminal import print_json
 
 
-def printed(capsys: Any, *words: object) -> dict[str, Any]:
+def printed(capsys, *words):
     """Run a command; return the only thing that it prints."""
     assert main([*map(str, words), "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
 
 
-def test_solve_and_table_print_what_is_in_the_recording(
-    right_bag: Path, tmp_path: Path, capsys: Any
-) -> None:
+def test_solve_and_table_print_what_is_in_the_recording(right_bag, tmp_path, capsys):
     out = tmp_path / "out.mcap"
     solved = printed(capsys, "solve", right_bag, "--output", out)
     answers = read_answers(out)
@@ -51,9 +47,7 @@ def test_solve_and_table_print_what_is_in_the_recording(
     assert told == {"answers": {"/knee_contact": len(answers)}, "files": {"Table": str(table)}}
 
 
-def test_other_results_are_json_too(
-    right_bag: Path, sensors_bag: Path, tmp_path: Path, capsys: Any
-) -> None:
+def test_other_results_are_json_too(right_bag, sensors_bag, tmp_path, capsys):
     load = printed(capsys, "estimate-load", sensors_bag, "--output", tmp_path / "load.mcap")
     assert load["largest"]["axial_force"] > load["mean_axial_force"] > 0.0
     file = next(right_bag.glob("*.mcap"))
@@ -67,19 +61,19 @@ def test_other_results_are_json_too(
     assert traded["advice"]
 
 
-def test_what_has_no_number_is_null(capsys: Any) -> None:
+def test_what_has_no_number_is_null(capsys):
     print_json(bound=np.inf, values=np.array([1.5, np.nan]), path=Path("a"), flag=True)
     found = json.loads(capsys.readouterr().out)
     assert found == {"bound": None, "values": [1.5, None], "path": "a", "flag": True}
 
 
-def test_the_table_of_the_demo_is_json_too() -> None:
+def test_the_table_of_the_demo_is_json_too():
     assert "--json" in {name for option in demo.params for name in option.opts}
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shells_complete_commands_and_options(shell: str) -> None:
-    def asked(**variables: str) -> str:
+def test_shells_complete_commands_and_options(shell):
+    def asked(**variables):
         code = "from knee_contact_ros.commands.main import main; raise SystemExit(main())"
         done = subprocess.run(
             [sys.executable, "-c", code],

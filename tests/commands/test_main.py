@@ -1,13 +1,9 @@
 """How a command ends, where it writes and what it refuses to."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import click
 import pytest
@@ -19,12 +15,12 @@ from tests.helpers.commands import run
 
 
 @pytest.fixture
-def failing() -> Iterator[list[BaseException]]:
+def failing():
     """A command `fail` that raises what is put in the list."""
     raised: list[BaseException] = []
 
     @knee_contact.command()
-    def fail() -> None:
+    def fail():
         raise raised[0]
 
     yield raised
@@ -32,15 +28,13 @@ def failing() -> Iterator[list[BaseException]]:
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), click.Abort()])
-def test_ctrl_c_is_an_interruption(
-    failing: list[BaseException], error: BaseException, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_is_an_interruption(failing, error, capsys):
     failing.append(error)
     assert run("fail") == INTERRUPTED
     assert capsys.readouterr().err.strip() == "knee-contact: interrupted"
 
 
-def test_a_file_that_ends_too_early_is_no_interruption(failing: list[BaseException]) -> None:
+def test_a_file_that_ends_too_early_is_no_interruption(failing):
     failing.append(EOFError("Ran out of input"))
     with pytest.raises(EOFError, match="Ran out of input"):
         run("fail")
@@ -49,7 +43,7 @@ def test_a_file_that_ends_too_early_is_no_interruption(failing: list[BaseExcepti
 ROS_COMMANDS = ["node", "demo --output new", "replay gait2354_right"]
 
 
-def errors_of(words: str, folder: Path, **environment: str) -> str:
+def errors_of(words, folder, **environment):
     """Return the errors of a command that is refused, in a process that imports from this folder first."""
     done = subprocess.run(
         [sys.executable, "-m", "knee_contact_ros.commands.main", *words.split()],
@@ -65,14 +59,14 @@ def errors_of(words: str, folder: Path, **environment: str) -> str:
 
 
 @pytest.fixture
-def broken_ros(tmp_path: Path) -> Path:
+def broken_ros(tmp_path):
     """A folder with a `rclpy` that cannot be loaded."""
     (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
     return tmp_path
 
 
 @pytest.mark.parametrize("words", ROS_COMMANDS)
-def test_another_ros_on_the_path_is_named_with_the_cure(words: str, tmp_path: Path) -> None:
+def test_another_ros_on_the_path_is_named_with_the_cure(words, tmp_path):
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy" / "__init__.py").write_text("from rclpy._rclpy_pybind11 import rclpy\n")
     errors = errors_of(words, tmp_path)
@@ -83,7 +77,7 @@ def test_another_ros_on_the_path_is_named_with_the_cure(words: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize("words", [*ROS_COMMANDS, "load", "load --with-contact"])
-def test_a_command_without_ros_says_where_to_read(words: str, tmp_path: Path) -> None:
+def test_a_command_without_ros_says_where_to_read(words, tmp_path):
     (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['rclpy'] = None\n")
     (line,) = errors_of(words, tmp_path).splitlines()
     assert line.startswith("knee-contact: this command needs ROS 2: ")
@@ -92,7 +86,7 @@ def test_a_command_without_ros_says_where_to_read(words: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("words", ["node", "load", "demo --output new"])
-def test_a_command_without_our_messages_says_where_to_read(words: str, tmp_path: Path) -> None:
+def test_a_command_without_our_messages_says_where_to_read(words, tmp_path):
     hidden = "import sys; sys.modules['knee_contact_ros.msg'] = None\n"
     (tmp_path / "sitecustomize.py").write_text(hidden)
     (tmp_path / "rclpy.py").touch()
@@ -102,7 +96,7 @@ def test_a_command_without_our_messages_says_where_to_read(words: str, tmp_path:
 
 
 @pytest.mark.parametrize("words", ROS_COMMANDS)
-def test_a_missing_middleware_is_named_with_the_cure(words: str, broken_ros: Path) -> None:
+def test_a_missing_middleware_is_named_with_the_cure(words, broken_ros):
     """The demo goes on without it, and then finds the ROS that cannot be loaded."""
     errors = errors_of(words, broken_ros, RMW_IMPLEMENTATION="rmw_none_cpp")
     first = errors.splitlines()[0]
@@ -126,16 +120,14 @@ def test_a_missing_middleware_is_named_with_the_cure(words: str, broken_ros: Pat
         ),
     ],
 )
-def test_an_environment_that_ros_does_not_explain_is_reported(
-    environment: dict[str, str], words: str, broken_ros: Path
-) -> None:
+def test_an_environment_that_ros_does_not_explain_is_reported(environment, words, broken_ros):
     """The warning is followed by a ROS that cannot be loaded."""
     assert errors_of("node", broken_ros, **environment).startswith(f"knee-contact: {words}")
 
 
 def test_the_bare_command_shows_every_command_in_its_group(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys,
+):
     assert main([]) == 0
     shown = capsys.readouterr().out
     for heading in GROUPS:
@@ -143,7 +135,7 @@ def test_the_bare_command_shows_every_command_in_its_group(
     assert all(f"\n  {name} " in shown for name in knee_contact.commands)
 
 
-def test_help_loads_nothing_heavy() -> None:
+def test_help_loads_nothing_heavy():
     """It would take a second."""
     heavy = "{'numpy', 'pydantic', 'rich', 'rclpy', 'subprocess', 'multiprocessing'}"
     code = f"import sys, knee_contact_ros.commands.main; print({heavy} & {{*sys.modules}})"
@@ -155,9 +147,7 @@ def test_help_loads_nothing_heavy() -> None:
     )
 
 
-def test_solve_leaves_a_file_and_nothing_beside(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_solve_leaves_a_file_and_nothing_beside(right_bag, tmp_path, capsys):
     """Two in one folder are two recordings: of the folder none is taken, and both are named."""
     for name in ("a", "b"):
         assert run(f"solve {right_bag} --output {tmp_path}/{name}.mcap") == 0
@@ -174,9 +164,7 @@ def test_solve_leaves_a_file_and_nothing_beside(
     )
 
 
-def test_the_other_recordings_of_a_bags_folder_are_named(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_other_recordings_of_a_bags_folder_are_named(right_bag, tmp_path, capsys):
     folder = tmp_path / "bag"
     shutil.copytree(right_bag, folder)
     shutil.copy(folder / "gait2354_right_0.mcap", folder / "later.mcap")

@@ -1,7 +1,5 @@
 """Options on the command line as a user types them; `load` and `estimate-load`."""
 
-from __future__ import annotations
-
 import math
 import re
 import sys
@@ -28,13 +26,11 @@ from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 TOPICS = types_of(RECORDED)
 
 
-def recorded(path: Path) -> list[tuple[str, int, str]]:
+def recorded(path):
     return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, TOPICS)]
 
 
-def test_solve_takes_inputs_and_parameters_from_elsewhere(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_solve_takes_inputs_and_parameters_from_elsewhere(right_bag, tmp_path, capsys):
     """The recording has the node's names, and what it would have without all this."""
     gait = raw_messages(right_bag)[:100]
     plain = write_rosbag2(tmp_path / "plain", gait)
@@ -79,7 +75,7 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
         ("--clock 40 bag", 40.0),
     ],
 )
-def test_the_clocks_rate_may_be_left_out(words: str, clock: float | None) -> None:
+def test_the_clocks_rate_may_be_left_out(words, clock):
     values = replay.make_context("replay", words.split()).params
     assert (values["clock"], values["bag"]) == (clock, Path("bag"))
 
@@ -88,13 +84,13 @@ Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
-def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walking(tmp_path_factory):
     """A bag of a walking leg."""
     return walking_bag(tmp_path_factory.mktemp("walk") / "walk.mcap", walk())
 
 
 @pytest.fixture(scope="module")
-def estimated(walking: Path) -> Path:
+def estimated(walking):
     """What is made of it with all that it tells."""
     output = walking.with_name("load.mcap")
     estimate_load(walking, load_parameters(WHOLE_LEG, LoadParameters), output)
@@ -102,9 +98,7 @@ def estimated(walking: Path) -> Path:
 
 
 @pytest.mark.parametrize("words", ["load -h", "estimate-load --help"])
-def test_help_needs_no_ros_and_names_the_topics(
-    words: str, monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
+def test_help_needs_no_ros_and_names_the_topics(words, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rclpy", None)
     assert run(words) == 0
     out, error = capsys.readouterr()
@@ -113,9 +107,7 @@ def test_help_needs_no_ros_and_names_the_topics(
     assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", out)
 
 
-def test_estimate_load_prints_level_parts_and_deviation(
-    walking: Path, tmp_path: Path, capsys: Output
-) -> None:
+def test_estimate_load_prints_level_parts_and_deviation(walking, tmp_path, capsys):
     output = tmp_path / "out.mcap"
     values = "--params load/inverse_dynamics -p person.mass:=80"
     assert run(f"estimate-load {walking} {values} --output {output}") == 0
@@ -146,8 +138,8 @@ def test_estimate_load_prints_level_parts_and_deviation(
 
 
 def test_a_recording_is_computed_again_with_its_own_parameters(
-    estimated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
+    estimated, tmp_path, monkeypatch, capsys
+):
     own = estimate_load_in_python(estimated)
     assert own.tobytes() == estimate_load_in_python(estimated, WHOLE_LEG).tobytes()
     other = estimate_load_in_python(estimated, values={"person.tone": 0.5})
@@ -159,7 +151,7 @@ def test_a_recording_is_computed_again_with_its_own_parameters(
     assert estimate_load_in_python(tmp_path / "again.mcap").tobytes() == own.tobytes()
 
 
-def test_changed_parameters_in_a_recording_are_reported(tmp_path: Path, capsys: Output) -> None:
+def test_changed_parameters_in_a_recording_are_reported(tmp_path, capsys):
     bag = tmp_path / "changed.mcap"
     with BagWriter(bag) as writer:
         for topic in LOAD_INPUTS:

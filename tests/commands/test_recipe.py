@@ -3,8 +3,6 @@
 Its test of bad input is asked for in `test_bad_input.py`, its damaged bags in `tests/hostile/test_commands.py`.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from importlib import import_module
@@ -32,7 +30,7 @@ REDUCTIONS = {"max", "min", "mean", "sum", "argmax", "argmin", "std"}
 
 
 @pytest.mark.parametrize("name", knee_contact.commands)
-def test_the_changelog_names_the_command_and_its_options(name: str) -> None:
+def test_the_changelog_names_the_command_and_its_options(name):
     assert re.search(rf"``(knee-contact )?{name}\b", CHANGELOG), (
         f"no line of CHANGELOG.rst names the command ``{name}``"
     )
@@ -48,7 +46,7 @@ def test_the_changelog_names_the_command_and_its_options(name: str) -> None:
     assert not unnamed, f"no line of CHANGELOG.rst names {unnamed} of the command {name}"
 
 
-def work_in(function: ast.FunctionDef) -> list[str]:
+def work_in(function):
     """Return what in a command is work, and not a call of another room: arithmetic, fields of answers, libraries."""
     nodes = [node for statement in function.body for node in ast.walk(statement)]
     found = []
@@ -70,14 +68,14 @@ def work_in(function: ast.FunctionDef) -> list[str]:
     return [f"line {node.lineno}: {ast.unparse(node)}" for node in found] + too_long
 
 
-def functions_in(path: Path) -> list[ast.FunctionDef]:
+def functions_in(path):
     """Return the functions of a module, of which some are commands; methods of click's classes are left out."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     return [node for node in tree.body if isinstance(node, ast.FunctionDef)]
 
 
 @pytest.mark.parametrize("name", DECLARING)
-def test_a_command_does_no_work_itself(name: str) -> None:
+def test_a_command_does_no_work_itself(name):
     """It reads its options, calls another room, and says what that has returned; nor does a function beside it."""
     for function in functions_in(COMMANDS / f"{name}.py"):
         work = [] if function.name in HELPERS else work_in(function)
@@ -87,7 +85,7 @@ def test_a_command_does_no_work_itself(name: str) -> None:
         )
 
 
-def test_every_command_is_in_a_group() -> None:
+def test_every_command_is_in_a_group():
     for name in (*DECLARING, *WITH_WORK):
         module = import_module(f"knee_contact_ros.commands.{name}")
         declared = {one.name for one in vars(module).values() if isinstance(one, click.Command)}
@@ -97,7 +95,7 @@ def test_every_command_is_in_a_group() -> None:
         )
 
 
-def test_modules_with_work_are_known() -> None:
+def test_modules_with_work_are_known():
     others = {path.stem for path in COMMANDS.glob("*.py")} - WITH_WORK
     new = others - {"__init__", "main", "options", *DECLARING}
     assert not new, f"commands/{new}: what a command does lies in another room (CONTRIBUTING.md)"

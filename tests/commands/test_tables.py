@@ -1,7 +1,5 @@
 """What the commands print fits a terminal of 80 columns, no word of it broken; and `knee-contact table`."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable
@@ -38,10 +36,10 @@ Check = Callable[[Print], None]
 
 
 @pytest.fixture
-def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Check:
+def check(monkeypatch, capsys):
     """Lets something print twice, the second time as wide as it wants to be."""
 
-    def both(prints: Print) -> None:
+    def both(prints):
         capsys.readouterr()
         prints()
         narrow = capsys.readouterr().out
@@ -66,7 +64,7 @@ def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
         "-p load.compartment:=moment_balance -p body_weight:=300",
     ],
 )
-def test_solve(check: Check, right_bag: Path, tmp_path: Path, more: str) -> None:
+def test_solve(check, right_bag, tmp_path, more):
     """The last one prints much: the share of the load, and what makes no sense."""
     check(lambda: run(f"solve {right_bag} {more} --overwrite --output {tmp_path}/out.mcap"))
 
@@ -77,13 +75,13 @@ MUCH = (
 
 
 @pytest.mark.parametrize("more", ["", MUCH])
-def test_estimate_load(check: Check, tmp_path: Path, more: str) -> None:
+def test_estimate_load(check, tmp_path, more):
     """The last one says much: every estimate but the first is flagged."""
     bag = walking_bag(tmp_path / "walk.mcap", walk(40))
     check(lambda: run(f"estimate-load {bag} {more} --overwrite --output {tmp_path}/out.mcap"))
 
 
-def test_recover(check: Check, right_bag: Path, tmp_path: Path) -> None:
+def test_recover(check, right_bag, tmp_path):
     assert run(f"solve {right_bag} --output {tmp_path}/in.mcap") == 0
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "in.mcap").read_bytes()[:60_000])
@@ -97,20 +95,20 @@ def test_recover(check: Check, right_bag: Path, tmp_path: Path) -> None:
     check(lambda: show_recovery(Recovery([topic], (0, 10**9), 10, 0, []), "out.mcap"))
 
 
-def test_import_opensim(check: Check, tmp_path: Path) -> None:
+def test_import_opensim(check, tmp_path):
     angles = kinematics(tmp_path / "q.sto")
     forces = reactions(tmp_path / "jr.sto")
     files = f"--kinematics {angles} --reactions {forces}"
     check(lambda: run(f"import-opensim {files} --side both --overwrite --output {tmp_path}/bag"))
 
 
-def test_trade(check: Check, right_bag: Path, tmp_path: Path) -> None:
+def test_trade(check, right_bag, tmp_path):
     """Of a knee whose contact points differ too."""
     found = trade.measure(solve(right_bag, "mri_knee")[:20], worth=1e-6)
     check(lambda: trade.show_trade(found, Path("trade.png")))
 
 
-def test_a_line_that_hangs_breaks_between_words_on_a_terminal() -> None:
+def test_a_line_that_hangs_breaks_between_words_on_a_terminal():
     text = "tolerance  0.05 mm RMS beyond the roughness of 0.041 mm: at most 0.065 mm; 0.064 mm in the slab of a_name"
     code = f"from knee_contact_ros.system.terminal import say; say({text!r}, hang=11)"
     with Terminal("/usr/bin/env", "COLUMNS=80", sys.executable, "-c", code) as terminal:
@@ -123,9 +121,7 @@ def test_a_line_that_hangs_breaks_between_words_on_a_terminal() -> None:
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 @pytest.mark.parametrize("values", [{}, {"load.compartment": "both"}])
-def test_a_table_has_every_number_of_every_answer(
-    suffix: str, values: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_table_has_every_number_of_every_answer(suffix, values, tmp_path):
     pandas = pytest.importorskip("pandas")
     if suffix == ".parquet":
         pytest.importorskip("pyarrow")
@@ -146,7 +142,7 @@ def test_a_table_has_every_number_of_every_answer(
     assert len(table) == 387 * (2 if values else 1)
 
 
-def test_a_table_that_exists_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_that_exists_is_kept(tmp_path, capsys):
     recording, output = tmp_path / "out.mcap", tmp_path / "table.csv"
     solve(share_folder() / "bags" / "gait2354_right", {}, output=recording)
     output.write_text("mine")
@@ -157,9 +153,7 @@ def test_a_table_that_exists_is_kept(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert output.read_text().startswith("time,")
 
 
-def test_one_namespace_is_found_and_an_empty_recording_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_namespace_is_found_and_an_empty_recording_is_told(tmp_path, capsys):
     source, bag, empty = (
         share_folder() / "bags" / "gait2354_right",
         tmp_path / "right.mcap",

@@ -1,7 +1,5 @@
 """The control law of the example: bounds, rates, giving way, returning, doubt."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 from typing import NamedTuple
@@ -48,9 +46,7 @@ settings = st.builds(
 
 
 @given(settings, events)
-def test_whatever_comes_bounds_rates_and_doubt_hold(
-    settings: Settings, events: list[Event]
-) -> None:
+def test_whatever_comes_bounds_rates_and_doubt_hold(settings, events):
     law, now, heard = AssistLaw(settings), 0.0, -math.inf
     answer, before = (math.nan, 0, 0.0), law.command(0.0)
     assert before == 0.0
@@ -89,7 +85,7 @@ def test_whatever_comes_bounds_rates_and_doubt_hold(
         before = torque
 
 
-def torques(law: AssistLaw, start: float, *forces: float) -> list[float]:
+def torques(law, start, *forces):
     """Commands to answers that come every 5 ms."""
     commands = []
     for number, force in enumerate(forces):
@@ -98,14 +94,14 @@ def torques(law: AssistLaw, start: float, *forces: float) -> list[float]:
     return commands
 
 
-def law_at_nominal() -> AssistLaw:
+def law_at_nominal():
     """A law that has heard small forces for 1 s, until 1.0."""
     law = AssistLaw(SETTINGS)
     assert torques(law, 0.0, *[LOW] * 201)[-1] == SETTINGS.nominal_torque
     return law
 
 
-def test_inside_the_band_the_torque_stays_until_the_force_is_below_it() -> None:
+def test_inside_the_band_the_torque_stays_until_the_force_is_below_it():
     law = law_at_nominal()
     assert torques(law, 1.005, INSIDE, INSIDE) == [10.0, 10.0]
     # 200 N m/s x 5 ms down, 20 N m/s x 5 ms on the way back
@@ -114,7 +110,7 @@ def test_inside_the_band_the_torque_stays_until_the_force_is_below_it() -> None:
     )
 
 
-def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly() -> None:
+def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly():
     law = law_at_nominal()
     assert law.command(1.09) == 10.0
     assert law.command(1.11) == pytest.approx(6.0, abs=ROUNDING)  # 200 N m/s x 20 ms
@@ -125,7 +121,7 @@ def test_a_stream_that_stops_takes_the_torque_to_zero_and_back_slowly() -> None:
     )  # 7 s late: a rise of 0.1 s at most
 
 
-def test_each_flag_of_an_answer_is_told_as_the_doubt() -> None:
+def test_each_flag_of_an_answer_is_told_as_the_doubt():
     law = law_at_nominal()
     for number, bit in enumerate(bit for bit in Status if bit & UNUSABLE):
         law.hear(1.0 + number, LOW, bit | Status.INPUT_REJECTED, 0.0)
@@ -133,7 +129,7 @@ def test_each_flag_of_an_answer_is_told_as_the_doubt() -> None:
         assert (law.doubt, law.usable) == (UNTRUSTED[int(bit)], False)
 
 
-def test_stopped_it_goes_to_zero_whatever_comes() -> None:
+def test_stopped_it_goes_to_zero_whatever_comes():
     law = law_at_nominal()
     law.stop()
     assert torques(law, 1.005, *[LOW] * 10)[-1] == pytest.approx(0.0, abs=ROUNDING)
@@ -142,7 +138,7 @@ def test_stopped_it_goes_to_zero_whatever_comes() -> None:
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Settings)])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, 5])
-def test_settings_are_numbers_above_zero(name: str, value: float) -> None:
+def test_settings_are_numbers_above_zero(name, value):
     with pytest.raises(
         ValueError, match=f"^{name}: {value} is not allowed; it should be a number > 0$"
     ):
@@ -151,7 +147,7 @@ def test_settings_are_numbers_above_zero(name: str, value: float) -> None:
         Settings(release_band=1400.0)
 
 
-def test_the_shipped_parameters_are_the_defaults() -> None:
+def test_the_shipped_parameters_are_the_defaults():
     path = share_folder() / "examples" / "assist_as_needed.yaml"
     (section,) = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8")).values()
     assert Settings(**section["ros__parameters"]) == SETTINGS

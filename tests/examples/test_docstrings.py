@@ -1,12 +1,8 @@
 """The examples in the docstrings of the Python interface run, and every part of the interface has one."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
@@ -16,7 +12,7 @@ from tests import ROOT
 FINDER = doctest.DocTestFinder(recurse=False)
 
 
-def interface() -> Iterator[tuple[str, Any]]:
+def interface():
     """Yield functions, classes and listed methods of docs/reference/python.md, by their names in the package."""
     for entries in PYTHON.values():
         for entry in entries:
@@ -35,7 +31,7 @@ INTERFACE = dict(interface())
 
 @pytest.mark.parametrize("name", INTERFACE)
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_example_of_a_docstring_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_example_of_a_docstring_runs(name, monkeypatch):
     monkeypatch.chdir(ROOT)
     found = [test for test in FINDER.find(INTERFACE[name], name, globs={}) if test.examples]
     assert found, (

@@ -3,12 +3,9 @@
 The launch packages are not among the ROS 2 wheels. `tests/ros/test_launch.py` runs a file where they are.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import runpy
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,28 +40,28 @@ OURS = {
 }
 
 
-def text_of(name: str) -> str:
+def text_of(name):
     return (FOLDER / name).read_text(encoding="utf-8")
 
 
-def named(name: str, *functions: str) -> set[str]:
+def named(name, *functions):
     """First arguments, as they are written, of all calls of some functions."""
     return set(re.findall(rf"\b(?:{'|'.join(functions)})\(\s*f?\"([^\"]+)\"", text_of(name)))
 
 
-def test_all_launch_files_are_checked() -> None:
+def test_all_launch_files_are_checked():
     assert sorted(path.name for path in FOLDER.iterdir() if path.is_file()) == FILES
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_arguments_are_declared_described_and_used(name: str) -> None:
+def test_arguments_are_declared_described_and_used(name):
     declared = named(name, "DeclareLaunchArgument")
     assert named(name, "LaunchConfiguration", "number") == declared
     for told in ("default_value=", "description="):
         assert text_of(name).count(told) == text_of(name).count("DeclareLaunchArgument(")
 
 
-def test_what_holds_for_both_knees_is_listed_and_is_as_for_one() -> None:
+def test_what_holds_for_both_knees_is_listed_and_is_as_for_one():
     one, both = (
         dict(
             re.findall(
@@ -89,7 +86,7 @@ def test_what_holds_for_both_knees_is_listed_and_is_as_for_one() -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_parameters_options_and_files_are_there(name: str) -> None:
+def test_parameters_options_and_files_are_there(name):
     text = text_of(name)
     known = (
         known_parameters(LoadParameters) if name == "knee_load.launch.py" else known_parameters()
@@ -115,7 +112,7 @@ def test_parameters_options_and_files_are_there(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_launch_file_loads(name: str) -> None:
+def test_a_launch_file_loads(name):
     pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
     description = runpy.run_path(str(FOLDER / name))["generate_launch_description"]()
     names = {argument.name for argument in description.get_launch_arguments()}
@@ -130,19 +127,19 @@ BONE = "tibia"
 
 
 @pytest.fixture(scope="module")
-def body() -> Any:
+def body():
     """Shank and thigh."""
     yourdfpy = pytest.importorskip("yourdfpy")
     return yourdfpy.URDF.load(str(share_folder() / "urdf" / "knee.urdf"))
 
 
-def thigh_at(body: Any, angle: float) -> np.ndarray:
+def thigh_at(body, angle):
     """Where the thigh lies in the tibia frame at a flexion angle [rad], shape (4, 4)."""
     body.update_cfg({load_parameters({}).knee.joint_name: angle})
     return np.array(body.get_transform("thigh", BONE + ISB_SUFFIX))
 
 
-def test_the_tibia_frame_lies_in_the_shank_as_the_node_says(body: Any) -> None:
+def test_the_tibia_frame_lies_in_the_shank_as_the_node_says(body):
     transform = isb_transform(BONE + ISB_SUFFIX)
     assert transform
     assert (
@@ -157,7 +154,7 @@ def test_the_tibia_frame_lies_in_the_shank_as_the_node_says(body: Any) -> None:
     assert found[:3, 3].tolist() == list(transform.translation)
 
 
-def test_the_thigh_stands_in_line_and_turns_as_the_femur_does_as_far_as_a_knee(body: Any) -> None:
+def test_the_thigh_stands_in_line_and_turns_as_the_femur_does_as_far_as_a_knee(body):
     """Counter-clockwise with x to the right and y up: about the tibia frame's z axis."""
     extended = thigh_at(body, 0.0)
     assert extended[:3, 3] == pytest.approx(
@@ -177,7 +174,7 @@ def test_the_thigh_stands_in_line_and_turns_as_the_femur_does_as_far_as_a_knee(b
     assert np.degrees([joint.limit.lower, joint.limit.upper]) == pytest.approx([0.0, 150.0])
 
 
-def test_the_layout_shows_what_is_published(body: Any) -> None:
+def test_the_layout_shows_what_is_published(body):
     manager = read_yaml(LAYOUT)["Visualization Manager"]
     displays = {display["Class"]: display for display in manager["Displays"]}
     assert (
@@ -192,7 +189,7 @@ def test_the_layout_shows_what_is_published(body: Any) -> None:
     assert manager["Global Options"]["Fixed Frame"] in body.link_map
 
 
-def test_the_knee_is_seen_from_its_right_side() -> None:
+def test_the_knee_is_seen_from_its_right_side():
     """So that anterior is to the right on the screen, as everywhere here; RViz puts its eye where the angles say."""
     view = read_yaml(LAYOUT)["Visualization Manager"]["Views"]["Current"]
     yaw, pitch = float(view["Yaw"]), float(view["Pitch"])

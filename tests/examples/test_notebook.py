@@ -1,7 +1,5 @@
 """The notebooks of the examples: kept without outputs, and run from the first cell to the last."""
 
-from __future__ import annotations
-
 import base64
 import re
 from pathlib import Path
@@ -19,12 +17,12 @@ EXAMPLES = share_folder() / "examples"
 PICTURES = {"knee": 2, "many_knees": 2, "own_data": 1}
 
 
-def test_each_is_in_the_gallery() -> None:
+def test_each_is_in_the_gallery():
     assert {path.stem for path in EXAMPLES.glob("*.ipynb")} == set(PICTURES)
 
 
 @pytest.mark.parametrize("name", PICTURES)
-def test_it_is_kept_without_outputs_and_runs(name: str) -> None:
+def test_it_is_kept_without_outputs_and_runs(name):
     if name == "many_knees":
         pytest.importorskip("SALib")
     notebook = nbformat.read(EXAMPLES / f"{name}.ipynb", as_version=4)

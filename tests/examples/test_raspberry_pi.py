@@ -1,13 +1,11 @@
 """The loop without ROS."""
 
-from __future__ import annotations
-
 import pytest
 
 from examples.raspberry_pi import main, read_sensors, samples
 
 
-def test_the_loop_ticks_in_time_and_answers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_loop_ticks_in_time_and_answers(capsys):
     main(0.1)
     counts, _, last = capsys.readouterr().out.splitlines()
     assert counts.startswith("20 ticks, ")
@@ -15,7 +13,7 @@ def test_the_loop_ticks_in_time_and_answers(capsys: pytest.CaptureFixture[str]) 
     assert last.startswith("last: 0.")
 
 
-def test_samples_do_not_drift() -> None:
+def test_samples_do_not_drift():
     assert [now for now, _ in samples(0.05)] == pytest.approx([0.005 * k for k in range(10)])
     assert read_sensors(0.0) == pytest.approx((0.1, 900.0))
     assert read_sensors(0.5) == pytest.approx((0.9, 50.0))

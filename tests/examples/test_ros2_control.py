@@ -1,7 +1,5 @@
 """The example of a chainable controller: no warning, and in each cycle the answer of the tick."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from importlib.util import find_spec
@@ -23,7 +21,7 @@ STAND_IN = Path(__file__).parent / "ros2_control"
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", "-std=c++17"]
 
 
-def test_the_controller_exports_what_the_tick_answers(tmp_path: Path) -> None:
+def test_the_controller_exports_what_the_tick_answers(tmp_path):
     export(load_parameters(["healthy"]), "healthy", tmp_path, "x86-64")
     subprocess.run(["cc", "-c", "-std=c99", "healthy.c"], cwd=tmp_path, check=True)  # noqa: S607
     sources = [EXAMPLE / "knee_contact_controller.cpp", STAND_IN / "loop.cpp"]

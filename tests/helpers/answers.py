@@ -1,16 +1,9 @@
 """Answers made up by tests, and those that a pipeline gives, as rows."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Iterator
-from typing import Any
-
 import numpy as np
 from hypothesis import strategies as st
 
-from knee_contact_ros.model.types import FLAT, MESSAGE_BYTES, ROW, Contact, Rows, blank_answers
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer
-from knee_contact_ros.streams.pipeline import AnswerT, Pipeline
+from knee_contact_ros.model.types import FLAT, MESSAGE_BYTES, ROW, Contact, blank_answers
 from knee_contact_ros.streams.topics import JOINT_STATES
 
 FIELDS = tuple(
@@ -37,7 +30,7 @@ EXAMPLE = {
 }
 
 
-def contact(**fields: Any) -> Contact:
+def contact(**fields):
     """An answer with some fields given."""
     rows = blank_answers(1)
     for name, value in (EXAMPLE | fields).items():
@@ -46,7 +39,7 @@ def contact(**fields: Any) -> Contact:
     return made
 
 
-def contacts_of(numbers: st.SearchStrategy[float]) -> st.SearchStrategy[Contact]:
+def contacts_of(numbers):
     """Answers whose floating-point numbers are drawn from these."""
     triples = st.tuples(numbers, numbers, numbers)
     return st.fixed_dictionaries(
@@ -57,14 +50,14 @@ def contacts_of(numbers: st.SearchStrategy[float]) -> st.SearchStrategy[Contact]
     ).map(lambda fields: contact(**fields))
 
 
-def rows_of(answers: Iterable[ContactAnswer]) -> np.recarray[Any, Any]:
+def rows_of(answers):
     """The rows of answers, shape (n,)."""
     return np.frombuffer(b"".join(row for answer in answers for row in answer.rows), ROW).view(
         np.recarray
     )
 
 
-def same(one: Rows, other: Rows) -> bool:
+def same(one, other):
     """Whether all numbers of answers are alike; what is not a number is like itself."""
     names = FLAT.names or ()
     return all(
@@ -73,7 +66,7 @@ def same(one: Rows, other: Rows) -> bool:
     )
 
 
-def answers_to(pipeline: Pipeline[AnswerT], messages: Iterable[Any]) -> Iterator[AnswerT]:
+def answers_to(pipeline, messages):
     """The answers to messages, which have a topic and bytes (`data`), one by one."""
     for message in messages:
         is_angle = message.topic == f"/{JOINT_STATES}"

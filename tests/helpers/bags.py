@@ -1,21 +1,17 @@
 """Bags as other recorders write them: by the writers of rosbags and of the MCAP project, not by our own."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.bag import INPUT_TYPES, Bag, RawMessage
+from knee_contact_ros.bags.bag import INPUT_TYPES, Bag
 from knee_contact_ros.streams.topics import typestore
 
 
-def raw_messages(path: Path, types: Mapping[str, str] = INPUT_TYPES) -> list[RawMessage]:
+def raw_messages(path, types=INPUT_TYPES):
     """The messages of a bag on topics of these types, as their bytes."""
     with Bag(path) as bag:
         return list(bag.select(types).raw_messages())
@@ -26,14 +22,14 @@ OTHER = {"/other/force": "geometry_msgs/msg/WrenchStamped", "/imu": "sensor_msgs
 
 
 def write_rosbag2(
-    folder: Path,
-    messages: Iterable[RawMessage],
-    storage: StoragePlugin = StoragePlugin.MCAP,
-    compression: CompressionMode = CompressionMode.NONE,
-    version: int = 9,
-    name: Callable[[str], str] = str,
-    types: Mapping[str, str] = INPUT_TYPES,
-) -> Path:
+    folder,
+    messages,
+    storage=StoragePlugin.MCAP,
+    compression=CompressionMode.NONE,
+    version=9,
+    name=str,
+    types=INPUT_TYPES,
+):
     """A rosbag2 folder with other topics among ours, which are of these types."""
     writer = Writer(folder, version=version, storage_plugin=storage)
     writer.set_compression(compression, CompressionFormat.ZSTD)
@@ -53,9 +49,7 @@ def write_rosbag2(
     return folder
 
 
-def write_split(
-    folder: Path, messages: list[RawMessage], storage: StoragePlugin, compression: CompressionMode
-) -> Path:
+def write_split(folder, messages, storage, compression):
     """A rosbag2 folder of twelve files, in the order in which their names are sorted: the tenth before the second."""
     write_rosbag2(folder, messages, storage, compression)
     yaml, description = YAML(typ="safe"), folder / "metadata.yaml"
@@ -83,18 +77,16 @@ class Mcap:
 
     def __init__(
         self,
-        path: Path,
-        compression: CompressionType = CompressionType.ZSTD,
-        profile: str = "ros2",
-    ) -> None:
+        path,
+        compression=CompressionType.ZSTD,
+        profile="ros2",
+    ):
         self.path = path
         self._file = path.open("wb")
         self.writer = McapWriter(self._file, chunk_size=4096, compression=compression)
         self.writer.start(profile=profile)
 
-    def channel(
-        self, topic: str, type_name: str, schema_encoding: str = "ros2msg", encoding: str = "cdr"
-    ) -> int:
+    def channel(self, topic, type_name, schema_encoding="ros2msg", encoding="cdr"):
         """Declare a topic."""
         text = (
             typestore().generate_msgdef(type_name, ros_version=2)[0].encode()
@@ -106,15 +98,15 @@ class Mcap:
             topic=topic, message_encoding=encoding, schema_id=schema
         )
 
-    def channels(self) -> dict[str, int]:
+    def channels(self):
         """Declare our inputs."""
         return {topic: self.channel(topic, kind) for topic, kind in INPUT_TYPES.items()}
 
-    def write(self, channel: int, message: RawMessage) -> None:
+    def write(self, channel, message):
         """Write a message."""
         self.writer.add_message(channel, message.log_time, message.data, message.log_time)
 
-    def close(self) -> Path:
+    def close(self):
         """Complete the file."""
         self.writer.finish()
         self._file.close()

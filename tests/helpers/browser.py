@@ -1,13 +1,9 @@
 """A real browser without a screen, and what it asks of any network."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
 
@@ -15,7 +11,7 @@ BROWSER, DRIVER = (shutil.which(name) for name in ("chromium", "chromedriver"))
 
 
 @contextmanager
-def started_browser() -> Iterator[Any]:
+def started_browser():
     """Skips where there is none."""
     if not (BROWSER and DRIVER):
         pytest.skip(
@@ -40,7 +36,7 @@ def started_browser() -> Iterator[Any]:
         driver.quit()
 
 
-def requested(browser: Any) -> set[str]:
+def requested(browser):
     """Addresses that the page has asked for, but for data that it holds itself."""
     messages = [
         json.loads(entry["message"])["message"] for entry in browser.get_log("performance")

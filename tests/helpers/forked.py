@@ -1,7 +1,5 @@
 """Commands that run in processes of their own which need not import much: they are forked."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
@@ -39,7 +37,7 @@ DEATH_SIGNAL = 1
 """Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""
 
 
-def forked(words: list[str], without: str, environment: dict[str, str], log: Path) -> None:
+def forked(words, without, environment, log):
     """In a process of its own: run the command, `without` modules; what it says goes to `log`."""
     descriptor = os.open(log, os.O_WRONLY)
     for stream in (1, 2):
@@ -56,7 +54,7 @@ def forked(words: list[str], without: str, environment: dict[str, str], log: Pat
 class Forked:
     """A process that runs the command, used like a `Popen`."""
 
-    def __init__(self, words: list[str], without: str) -> None:
+    def __init__(self, words, without):
         with NamedTemporaryFile(delete=False) as log:
             self._log = Path(log.name)
         self._process = PROCESSES.Process(
@@ -65,28 +63,28 @@ class Forked:
         self._process.start()
         self.pid = int(self._process.pid or 0)
 
-    def poll(self) -> int | None:
+    def poll(self):
         """Return its code, if it has ended."""
         return self._process.exitcode
 
-    def wait(self, timeout: float) -> int:
+    def wait(self, timeout):
         """Wait for its end."""
         self._process.join(timeout)
         assert self._process.exitcode is not None, "it did not end in time"
         return self._process.exitcode
 
-    def communicate(self, timeout: float) -> tuple[str, None]:
+    def communicate(self, timeout):
         """Wait for its end; return what was said, and no errors."""
         self.wait(timeout)
         said = self._log.read_text() if self._log.exists() else ""
         self._log.unlink(missing_ok=True)
         return said, None
 
-    def send_signal(self, number: signal.Signals) -> None:
+    def send_signal(self, number):
         """Send it a signal, if it still runs."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
-    def kill(self) -> None:
+    def kill(self):
         """Kill it."""
         self.send_signal(signal.SIGKILL)

@@ -1,28 +1,25 @@
 """What a viewer makes of markers: their points where the message's frame has them."""
 
-from __future__ import annotations
-
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 
-def place_of(marker: Any) -> np.ndarray:
+def place_of(marker):
     """Where a marker's own origin lies, shape (3,) [m]."""
     position = marker.pose.position
     return np.array([position.x, position.y, position.z])
 
 
-def drawn(marker: Any) -> np.ndarray:
+def drawn(marker):
     """Its points, shape (n, 3) [m]."""
     turn = marker.pose.orientation
     points = np.array([[point.x, point.y, point.z] for point in marker.points])
     return Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).apply(points) + place_of(marker)
 
 
-def distance(place: np.ndarray, line: np.ndarray) -> float:
+def distance(place, line):
     """From a place to the nearest point of a line with corners `line`, shape (n, 3) [m]."""
     nearest = np.inf
     for begin, end in pairwise(line):
@@ -33,7 +30,7 @@ def distance(place: np.ndarray, line: np.ndarray) -> float:
     return nearest
 
 
-def sagitta(line: np.ndarray) -> float:
+def sagitta(line):
     """How far the curve may bulge between two corners of a line [m]: an eighth of chord times turn at a corner."""
     steps = np.diff(line, axis=0)
     lengths = np.linalg.norm(steps, axis=1)

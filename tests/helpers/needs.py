@@ -1,10 +1,7 @@
 """What tests need that need not be installed."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
-from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
@@ -20,7 +17,7 @@ ENABLED_BY = {
 """What enables a test, by a pattern of the reason why it is skipped"""
 
 
-def skipped_in_a_line(reports: Iterable[object]) -> str:
+def skipped_in_a_line(reports):
     """Return how many tests were skipped (`longrepr` of each), and the command that enables each kind of them."""
     commands = Counter[str]()
     for report in reports:
@@ -33,7 +30,7 @@ def skipped_in_a_line(reports: Iterable[object]) -> str:
     return f"{commands.total()} tests are skipped; what enables them: {kinds}"
 
 
-def has_at_least(package: str, *least: int) -> bool:
+def has_at_least(package, *least):
     """Whether a package is installed, in this version or a later one."""
     try:
         return tuple(map(int, version(package).split(".")[: len(least)])) >= least

@@ -1,24 +1,17 @@
 """Bags that are given by their paths, opened and computed."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.offline import estimate_load as estimate_module
 from knee_contact_ros.offline import solve as solve_module
-from knee_contact_ros.offline.estimate_load import LoadSummary
-from knee_contact_ros.offline.summary import Summary
 
 
-def solve(bag: Path, *arguments: Any, **options: Any) -> Summary:
+def solve(bag, *arguments, **options):
     """Open a bag and solve it."""
     with Bag(bag) as opened:
         return solve_module.solve(opened, *arguments, **options)
 
 
-def estimate_load(bag: Path, *arguments: Any, **options: Any) -> LoadSummary:
+def estimate_load(bag, *arguments, **options):
     """Open a bag and estimate its loads."""
     with Bag(bag) as opened:
         return estimate_module.estimate_load(opened, *arguments, **options)

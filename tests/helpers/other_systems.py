@@ -4,13 +4,10 @@ The names are those of typeshed, whose conditions on `sys.platform` hold the not
 documentation. Modules are those that the documentation calls unavailable on Windows, or that need ROS.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import os
 import sys
-from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -34,14 +31,14 @@ ROS_MODULES = [
 ]
 
 
-def lacking_names(system: str) -> dict[str, list[str]]:
+def lacking_names(system):
     """Return the names that Linux has and a system lacks, by module."""
     return {
         module: sorted(names_of(module, "linux") - names_of(module, system)) for module in MODULES
     }
 
 
-def names_of(module: str, system: str) -> set[str]:
+def names_of(module, system):
     """Return the names of a module of Python's library on a system."""
     package = find_spec("mypy")
     assert package
@@ -50,7 +47,7 @@ def names_of(module: str, system: str) -> set[str]:
     return set(_names(ast.parse(file.read_text("utf-8")).body, system))
 
 
-def _names(statements: list[ast.stmt], system: str) -> Iterator[str]:
+def _names(statements, system):
     for one in statements:
         if isinstance(one, ast.If):
             yield from _names(one.body if _holds(one.test, system) else one.orelse, system)
@@ -65,14 +62,14 @@ def _names(statements: list[ast.stmt], system: str) -> Iterator[str]:
                 yield from names_of(str(one.module), system) if each.name == "*" else [each.name]
 
 
-def _holds(test: ast.expr, system: str) -> bool:
+def _holds(test, system):
     """Whether a condition on the system and on Python's version holds."""
     code = compile(ast.Expression(test), "stub", "eval")
     known = {"platform": system, "version_info": sys.version_info}
     return bool(eval(code, {"sys": type("sys", (), known)}))  # noqa: S307
 
 
-def environment(system: str) -> dict[str, str]:
+def environment(system):
     """Return the environment of a Python process in which the package believes that it runs on a system.
 
     The console of Windows has the characters of code page 1252 only.

@@ -1,14 +1,11 @@
 """A copy of the package, which tests may change."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 from tests import ROOT
 
 
-def copy_of_the_package(folder: Path) -> Path:
+def copy_of_the_package(folder):
     """Return a folder with the package and its library, for processes of its own."""
     folder.mkdir(exist_ok=True)
     package = folder / "knee_contact_ros"

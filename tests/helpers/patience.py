@@ -1,12 +1,8 @@
 """How long to wait for what must come: as many seconds as an idle machine never needs, more on a slow or busy one."""
 
-from __future__ import annotations
-
 import os
 import time
-from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 SECONDS = 90.0
 """[s] on an idle machine, where discovery and the start of a node take up to 5"""
@@ -17,24 +13,24 @@ USUAL = 0.009
 
 
 @cache
-def slowness() -> float:
+def slowness():
     """How many times slower than usual this machine is; 1 for a faster one."""
     begin = time.process_time()
     sum(range(COUNT))
     return max(1.0, (time.process_time() - begin) / USUAL)
 
 
-def patience() -> float:
+def patience():
     """How long [s] to wait: the longer, the more processes want each processor."""
     return SECONDS * slowness() * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
-def pause() -> None:
+def pause():
     """Let others work."""
     time.sleep(0.01)
 
 
-def wait_until(done: Callable[[], Any], act: Callable[[], object] = pause) -> None:
+def wait_until(done, act=pause):
     """Act again and again until something has happened."""
     begin = time.monotonic()
     while not done():

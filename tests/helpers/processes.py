@@ -1,11 +1,7 @@
 """Processes of others: whether they have ended, their sockets, and small disks that they fill."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
-from pathlib import Path
-from typing import Any
 
 import psutil
 
@@ -13,7 +9,7 @@ NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
 """Environment of a Python that may write no large file: it would leave modules' bytecode cut off for all after it"""
 
 
-def has_ended(process: psutil.Process) -> bool:
+def has_ended(process):
     """Whether it works no more; one whose parent is gone is a zombie until the system takes note."""
     try:
         return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
@@ -21,12 +17,12 @@ def has_ended(process: psutil.Process) -> bool:
         return True
 
 
-def internet_sockets(process: psutil.Process) -> list[Any]:
+def internet_sockets(process):
     """Its sockets of the internet; psutil before 6, as in Ubuntu 24.04, has another name for them."""
     ask = process.net_connections if hasattr(process, "net_connections") else process.connections
     return list(ask(kind="inet"))
 
 
-def remount(folder: Path, how: str) -> None:
+def remount(folder, how):
     """Change how a file system may be used."""
     subprocess.run([shutil.which("mount") or "", "-o", f"remount,{how}", str(folder)], check=True)

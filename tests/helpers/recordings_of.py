@@ -1,21 +1,16 @@
 """Recordings with metadata records of anybody's, by the writer of the MCAP project."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterable
-from pathlib import Path
-
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
 
 def recording_with(
-    path: Path,
-    source: Path,
-    metadata: Iterable[tuple[str, dict[str, str]]] = (),
-    name: Callable[[str], str] = str,
-    frame: Callable[[bytes], bytes] = bytes,
-) -> Path:
+    path,
+    source,
+    metadata=(),
+    name=str,
+    frame=bytes,
+):
     """The messages of a bag's only file, under other names and with other bytes, and metadata records behind them."""
     (file,) = [source] if source.is_file() else source.glob("*.mcap")
     with file.open("rb") as stream, path.open("wb") as output:

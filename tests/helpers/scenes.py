@@ -1,13 +1,11 @@
 """Scenes that the tests share."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
-from knee_contact_ros.model.mechanisms import MECHANISMS, Mechanism
-from knee_contact_ros.model.profiles import Circle, Profile
+from knee_contact_ros.model.laws import CONTACT_LAWS
+from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.profiles import Circle
 from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters.schema import Parameters, constants_of
@@ -26,24 +24,24 @@ LAW_ARGUMENTS = {
 """Those of the parameters' defaults: Table 1's where it has them"""
 
 
-def law(name: str, **changes: float) -> ContactLaw:
+def law(name, **changes):
     """A contact law with the constants of Table 1 and the parameters' defaults, or others."""
     return CONTACT_LAWS[name](**(LAW_ARGUMENTS[name] | changes))
 
 
 def model(
-    contact_law: ContactLaw,
-    tolerance: float = 1e-8,
-    geometry: Circle | Profile | None = None,
-    mass: float = MASS,
-    slope: float = 0.0,
-    budget: int = 0,
-    allow_tension: bool = False,
-    pair: ContactPair | None = None,
-    mechanism: Mechanism | None = None,
-    height_prescribed: bool = False,
-    level: str = "dynamic",
-) -> KneeModel:
+    contact_law,
+    tolerance=1e-8,
+    geometry=None,
+    mass=MASS,
+    slope=0.0,
+    budget=0,
+    allow_tension=False,
+    pair=None,
+    mechanism=None,
+    height_prescribed=False,
+    level="dynamic",
+):
     """A knee like the paper's; `pair` takes the place of `geometry` on a plane with `slope`, and of `mechanism`."""
     return KneeModel(
         pair=pair
@@ -60,6 +58,6 @@ def model(
     )
 
 
-def quick(knee: KneeModel) -> KneeModel:
+def quick(knee):
     """The same knee, compiled where that is sooner: the same bits."""
     return replace(knee, compiled=None)

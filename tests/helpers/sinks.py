@@ -1,11 +1,8 @@
 """Sinks in processes of their own, started and watched by tests."""
 
-from __future__ import annotations
-
 import struct
 import time
 from contextlib import suppress
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -58,7 +55,7 @@ class MayWait(NamedTuple):
 QUEUE = MayWait()
 
 
-def answer(number: int) -> TickOutput:
+def answer(number):
     """An answer that its number tells from others."""
     stamp, depth = 1_000_000 * number, 1e-6 * number
     row = contact(
@@ -72,15 +69,13 @@ def answer(number: int) -> TickOutput:
     return TickOutput.of(row, tuple(records))
 
 
-def put(sink: SinkProcess, numbers: range) -> None:
+def put(sink, numbers):
     """Hand over some answers."""
     for number in numbers:
         sink.put_item(answer(number))
 
 
-def close(
-    sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, seconds: float | None = None
-) -> bool:
+def close(sink, ending=NOTHING_LEFT, seconds=None):
     """Have an output completed, and wait for that; whether nothing is lost that must not be."""
     sink.request_end(ending)
     return sink.wait_until_complete(
@@ -88,7 +83,7 @@ def close(
     )
 
 
-def settled_backlog(sink: SinkProcess) -> int:
+def settled_backlog(sink):
     """Answers that wait once a socket takes no more."""
     looks: list[str] = []
     while len(looks) < 10 or len(set(looks[-10:])) > 1:
@@ -97,7 +92,7 @@ def settled_backlog(sink: SinkProcess) -> int:
     return int(looks[-1])
 
 
-def recorded_ticks(path: Path) -> list[int]:
+def recorded_ticks(path):
     """The numbers of the answers in a recording."""
     return [
         message.log_time // 1_000_000
@@ -105,7 +100,7 @@ def recorded_ticks(path: Path) -> list[int]:
     ]
 
 
-def shown_ticks(path: Path) -> list[int]:
+def shown_ticks(path):
     """The numbers of the answers in a Rerun file."""
     from rerun.chunk import RrdReader
 
@@ -119,7 +114,7 @@ def shown_ticks(path: Path) -> list[int]:
 class Started:
     """Starts sinks and keeps what they tell."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.sinks: list[SinkProcess] = []
         self.told: list[str] = []
         self.remarks: list[str] = []
@@ -127,15 +122,15 @@ class Started:
 
     def recorder(
         self,
-        path: Path,
-        wait: bool = True,
-        settings: RecorderSettings = SETTINGS,
-        queue: MayWait = QUEUE,
-    ) -> SinkProcess:
+        path,
+        wait=True,
+        settings=SETTINGS,
+        queue=QUEUE,
+    ):
         """A recorder."""
         return self.begun(recording(path, settings), wait, queue)
 
-    def viewer(self, path: Path, wait: bool = True, queue: MayWait = QUEUE) -> SinkProcess:
+    def viewer(self, path, wait=True, queue=QUEUE):
         """A viewer."""
         arguments = path, [outlines_of(MODEL, "knee", 737.0)]
         sink = Sink(
@@ -150,9 +145,7 @@ class Started:
         )
         return self.begun(sink, wait, queue, "rerun")
 
-    def begun(
-        self, sink: Sink, wait: bool, queue: MayWait = QUEUE, section: str = "record"
-    ) -> SinkProcess:
+    def begun(self, sink, wait, queue=QUEUE, section="record"):
         """A sink; with `wait` an open one."""
         process = SinkProcess(sink._replace(section=section, limits=queue), self._log)
         self.sinks.append(process)
@@ -162,7 +155,7 @@ class Started:
         return process
 
 
-def recording(path: Path, settings: RecorderSettings = SETTINGS) -> Sink:
+def recording(path, settings=SETTINGS):
     """A recorder, as it describes itself, but for the settings."""
     arguments = path, {}, ABSOLUTE_NAMES, settings
     return Sink(
@@ -176,14 +169,14 @@ def recording(path: Path, settings: RecorderSettings = SETTINGS) -> Sink:
     )
 
 
-def pid(sink: SinkProcess) -> int:
+def pid(sink):
     """A sink's process."""
     wait_until(lambda: sink.process)
     assert sink.process
     return sink.process.pid
 
 
-def readable(path: Path, step: int = 1_000_000) -> list[int]:
+def readable(path, step=1_000_000):
     """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
     numbers: list[int] = []
     with path.open("rb") as file, suppress(McapError, struct.error):

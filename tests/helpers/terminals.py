@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from types import TracebackType
 
 from tests.helpers.patience import patience
 
@@ -44,7 +43,7 @@ print(f"[ended with {os.waitstatus_to_exitcode(status)}, {modes()}]", flush=True
 class Terminal:
     """A command in a terminal."""
 
-    def __init__(self, *command: str) -> None:
+    def __init__(self, *command):
         self.master, slave = pty.openpty()
         self.shell = subprocess.Popen(
             [sys.executable, "-c", SHELL, *command],
@@ -57,11 +56,11 @@ class Terminal:
         self.text = ""
         self.pid = int(self.wait_for(r"\[started (\d+)\]")[1])
 
-    def press(self, keys: bytes) -> None:
+    def press(self, keys):
         """Press keys."""
         os.write(self.master, keys)
 
-    def wait_for(self, pattern: str) -> re.Match[str]:
+    def wait_for(self, pattern):
         """Wait for words; what stood before them is forgotten."""
         begin = time.monotonic()
         while (found := re.search(pattern, self.text)) is None:
@@ -74,15 +73,15 @@ class Terminal:
         self.text = self.text[found.end() :]
         return found
 
-    def __enter__(self) -> Terminal:
+    def __enter__(self):
         return self
 
     def __exit__(
         self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+        kind,
+        error,
+        trace,
+    ):
         if self.shell.poll() is None and kind is not None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, 9)

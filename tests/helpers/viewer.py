@@ -1,14 +1,11 @@
 """Rerun's viewer without a screen: what it shows of a file, as pictures."""
 
-from __future__ import annotations
-
 import io
 import os
 import signal
 import subprocess
 import sysconfig
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,11 +14,10 @@ from typing import TypeVar
 import numpy as np
 import psutil
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
-from rerun.experimental import View, ViewerClient, ViewerState
+from rerun.experimental import ViewerClient
 
 from knee_contact_ros.system.processes import free_port
 from tests.helpers.patience import patience
@@ -38,23 +34,23 @@ T = TypeVar("T")
 class Screen:
     """What a viewer shows."""
 
-    def __init__(self, client: ViewerClient) -> None:
+    def __init__(self, client):
         self._client = client
 
     @property
-    def state(self) -> ViewerState:
+    def state(self):
         """Recordings, timelines and views as the viewer reports them."""
         return self._client.get_state()
 
-    def views(self) -> dict[str, View]:
+    def views(self):
         """The views by name."""
         return {view.name: view for view in self.state.views}
 
-    def set_time(self, timeline: str, stamp: int) -> None:
+    def set_time(self, timeline, stamp):
         """Put the cursor on a stamp [ns] of a timeline and wait until it stands there."""
         self._client.set_time(timeline, duration=np.timedelta64(stamp, "ns"), play_state="paused")
 
-        def cursor() -> bool:
+        def cursor():
             state = self.state
             (shown,) = (
                 item for item in state.recordings if item.store_id == state.active_recording
@@ -63,19 +59,19 @@ class Screen:
 
         wait_for(cursor, f"the cursor to stand on {timeline} {stamp} ns")
 
-    def picture(self, view: str | None = None) -> NDArray[np.uint8]:
+    def picture(self, view=None):
         """The whole screen, or one view by its name, when it has come to rest; shape (height, width, 3)."""
         view_id = None if view is None else self.views()[view].view_id
         pictures = [self._shot(view_id)]
 
-        def at_rest() -> bool:
+        def at_rest():
             pictures.append(self._shot(view_id))
             return np.array_equal(*pictures[-2:])
 
         wait_for(at_rest, "two pictures in a row to be the same")
         return pictures[-1]
 
-    def complaints(self) -> list[str]:
+    def complaints(self):
         """Warnings and errors: of the views about what they cannot show, and in the viewer's log."""
         reports = [
             f"{view.name}: {report.summary}"
@@ -85,13 +81,13 @@ class Screen:
         logged = [entry for entry in self._client.get_logs() if entry.level in ("WARN", "ERROR")]
         return reports + [entry.message for entry in logged if SOFTWARE not in entry.message]
 
-    def _shot(self, view_id: str | None) -> NDArray[np.uint8]:
+    def _shot(self, view_id):
         with Image.open(io.BytesIO(self._client.take_screenshot(view_id))) as image:
             return np.asarray(image.convert("RGB"))
 
 
 @contextmanager
-def rendered(*files: Path | str, size: tuple[int, int] = (1600, 900)) -> Iterator[Screen]:
+def rendered(*files, size=(1600, 900)):
     """A viewer of `size` pixels in which `rerun FILE ...` has loaded its files; skips where nothing can be drawn.
 
     It listens on this machine only, knows no settings of the user's, sends no statistics, and is gone afterwards.
@@ -139,10 +135,10 @@ def rendered(*files: Path | str, size: tuple[int, int] = (1600, 900)) -> Iterato
             viewer.wait()
 
 
-def loaded(viewer: subprocess.Popen[bytes], port: int, log: Path) -> ViewerClient:
+def loaded(viewer, port, log):
     """Connect, and wait until the files are loaded and there are views."""
 
-    def look() -> ViewerClient | None:
+    def look():
         if viewer.poll() is not None:
             said = log.read_text(errors="replace")
             if any(reason in said for reason in NO_RENDERER):
@@ -160,7 +156,7 @@ def loaded(viewer: subprocess.Popen[bytes], port: int, log: Path) -> ViewerClien
     return wait_for(look, "the viewer to load its files")
 
 
-def wait_for(condition: Callable[[], T | None], what: str) -> T:
+def wait_for(condition, what):
     """What `condition` gives as soon as it is true."""
     begin = time.monotonic()
     while time.monotonic() < begin + patience():
@@ -170,7 +166,7 @@ def wait_for(condition: Callable[[], T | None], what: str) -> T:
     pytest.fail(f"waited in vain for {what}")
 
 
-def shown_to(state: ViewerState) -> int:
+def shown_to(state):
     """The newest stamp [ns] that a viewer has."""
     return max(
         (line.end for recording in state.recordings for line in recording.timelines), default=-1
@@ -178,17 +174,17 @@ def shown_to(state: ViewerState) -> int:
 
 
 @contextmanager
-def window_of(process: psutil.Process, newest: int) -> Iterator[psutil.Process]:
+def window_of(process, newest):
     """The viewer that a process has opened, once it has this stamp [ns]; it is gone afterwards."""
 
-    def started() -> psutil.Process | None:
+    def started():
         return next(
             (child for child in process.children(recursive=True) if child.name() == "rerun"), None
         )
 
     viewer = wait_for(started, "the viewer to start")
 
-    def shows() -> bool:
+    def shows():
         places = [
             one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN
         ]
@@ -205,6 +201,6 @@ def window_of(process: psutil.Process, newest: int) -> Iterator[psutil.Process]:
             viewer.kill()
 
 
-def pixels_of(picture: NDArray[np.uint8], colour: tuple[int, int, int], within: int = 12) -> int:
+def pixels_of(picture, colour, within=12):
     """How many pixels have a colour, to `within` in each of red, green and blue (edges of lines are blended)."""
     return int((np.abs(picture.astype(int) - colour) <= within).all(axis=2).sum())

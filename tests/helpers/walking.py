@@ -1,10 +1,6 @@
 """Sensors of a walking leg, from simple functions: hip, knee, ankle, and what the ground exerts on the foot."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable
-from pathlib import Path
 
 from knee_contact_ros.bags.bag import RawMessage
 from knee_contact_ros.bags.recorder import BagWriter
@@ -24,12 +20,12 @@ WHOLE_LEG = {"hip.joint_name": "hip", "ankle.joint_name": "ankle", "ground.compo
 """Parameters for all that the leg tells"""
 
 
-def phase(stamp: int) -> float:
+def phase(stamp):
     """Where in a stride a stamp [ns] is, as an angle."""
     return 2.0 * math.pi * stamp * 1e-9 / STRIDE
 
 
-def joint_state(stamp: int, effort: bool = False) -> JointState:
+def joint_state(stamp, effort=False):
     """Angles [rad], roughly as in walking; with `effort` also actuators [N m] that help to extend and plantarflex."""
     turn = phase(stamp)
     hip, knee = 0.15 + 0.35 * math.cos(turn), 0.45 - 0.3 * math.cos(turn + 0.8)
@@ -38,7 +34,7 @@ def joint_state(stamp: int, effort: bool = False) -> JointState:
     return JointState(stamp, "leg", ("hip", "knee", "ankle"), (hip, knee, ankle), (), torques)
 
 
-def ground(stamp: int, frame: str = "plate") -> WrenchStamped:
+def ground(stamp, frame="plate"):
     """What the ground exerts on the foot about the ankle [N, N m]: stance in the one half of a stride, nothing else."""
     stance = max(math.sin(phase(stamp)), 0.0)
     vertical, shear = 900.0 * math.sqrt(stance), -120.0 * stance * math.sin(2.0 * phase(stamp))
@@ -51,12 +47,12 @@ def ground(stamp: int, frame: str = "plate") -> WrenchStamped:
 
 
 def walk(
-    number: int = 240,
-    step: int = 5 * MS,
-    begin: int = 0,
-    effort: bool = False,
-    frame: str = "plate",
-) -> list[RawMessage]:
+    number=240,
+    step=5 * MS,
+    begin=0,
+    effort=False,
+    frame="plate",
+):
     """Messages of both inputs, `number` of each, `step` [ns] apart; the angle of a stamp comes first."""
     messages = []
     for stamp in range(begin, begin + number * step, step):
@@ -65,7 +61,7 @@ def walk(
     return messages
 
 
-def walking_bag(path: Path, messages: Iterable[RawMessage], prefix: str = "") -> Path:
+def walking_bag(path, messages, prefix=""):
     """A bag of these messages, their topics with something before their names."""
     with BagWriter(path) as bag:
         for topic in LOAD_INPUTS:

@@ -4,18 +4,14 @@ What a shell starts is a small program (`CLIENT`), which hands over its argument
 passes signals on, and ends with the command's code.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import socket
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from threading import Thread
 
 from tests.helpers.forked import COMMAND, PROCESSES
@@ -37,7 +33,7 @@ os._exit(int(door.recv(20) or 1))
 
 
 @contextmanager
-def warm_commands(folder: Path) -> Iterator[Path]:
+def warm_commands(folder):
     """A folder for PATH, with a program `knee-contact`; all that it has started is gone afterwards."""
     program, door = folder / "programs" / "knee-contact", folder / "door"
     program.parent.mkdir()
@@ -55,7 +51,7 @@ def warm_commands(folder: Path) -> Iterator[Path]:
             process.join()
 
 
-def serve(listener: socket.socket, started: list[BaseProcess]) -> None:
+def serve(listener, started):
     """Fork a process for each program that knocks, until the door is shut."""
     with suppress(OSError):
         while True:
@@ -65,7 +61,7 @@ def serve(listener: socket.socket, started: list[BaseProcess]) -> None:
                 started[-1].start()
 
 
-def run(door: socket.socket) -> None:
+def run(door):
     """In a process of its own: run a command for a program, and tell it the code."""
     request, streams, _, _ = socket.recv_fds(door, MAX_REQUEST, 3)
     words, folder, environment, deaf = json.loads(request)

@@ -1,12 +1,10 @@
 """Files and folders of somebody who means no good, by name; each function makes one in a folder and gives its path."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 from mcap.opcode import Opcode
@@ -39,10 +37,10 @@ BOMB = "- &a {b: 1}\n" + "".join(
 Make = Callable[[Path], Path]
 
 
-def saved(content: bytes) -> Make:
+def saved(content):
     """A file with this content."""
 
-    def make(folder: Path) -> Path:
+    def make(folder):
         path = folder / "theirs.mcap"
         path.write_bytes(content)
         return path
@@ -50,10 +48,10 @@ def saved(content: bytes) -> Make:
     return make
 
 
-def recorded(values: str | dict[str, str], *more: tuple[str, dict[str, str]]) -> Make:
+def recorded(values, *more):
     """Gait, recorded with these parameters (or other entries of the record), and further metadata records."""
 
-    def make(folder: Path) -> Path:
+    def make(folder):
         changed = {"parameters": values} if isinstance(values, str) else values
         ours = provenance_record(load_parameters({}), {}) | changed
         return recording_with(folder / "theirs.mcap", GAIT, [("knee_contact", ours), *more])
@@ -61,12 +59,12 @@ def recorded(values: str | dict[str, str], *more: tuple[str, dict[str, str]]) ->
     return make
 
 
-def named(rename: Callable[[str], str]) -> Make:
+def named(rename):
     """Gait with other names of topics."""
     return lambda folder: recording_with(folder / "theirs.mcap", GAIT, name=rename)
 
 
-def inputs(*, qos: str = "", definition: bytes = b"", data: Iterable[bytes] = (b"",)) -> bytes:
+def inputs(*, qos="", definition=b"", data=(b"",)):
     """Both input topics with some messages."""
     return whole(
         schema(1, "sensor_msgs/msg/JointState", definition),
@@ -77,10 +75,10 @@ def inputs(*, qos: str = "", definition: bytes = b"", data: Iterable[bytes] = (b
     )
 
 
-def folder_with(metadata: Callable[[Path], object]) -> Make:
+def folder_with(metadata):
     """Gait in a folder whose `metadata.yaml` is what `metadata` makes of the good one."""
 
-    def make(folder: Path) -> Path:
+    def make(folder):
         shutil.copytree(GAIT, folder / "theirs")
         metadata(folder / "theirs" / "metadata.yaml")
         return folder / "theirs"
@@ -88,23 +86,23 @@ def folder_with(metadata: Callable[[Path], object]) -> Make:
     return make
 
 
-def piped(path: Path) -> None:
+def piped(path):
     path.unlink()
     os.mkfifo(path)
 
 
-def linked(path: Path) -> None:
+def linked(path):
     path.unlink()
     path.symlink_to("/dev/zero")
 
 
-def says(path: Path, mode: str) -> None:
+def says(path, mode):
     """Say in `metadata.yaml` that its file or its messages are compressed."""
     text = path.read_text().replace("compression_format: ''", "compression_format: zstd")
     path.write_text(text.replace("compression_mode: ''", f"compression_mode: {mode}"))
 
 
-def compressed(path: Path) -> None:
+def compressed(path):
     """A compressed file, which holds a thousand times as much."""
     (file,) = path.parent.glob("*.mcap")
     file.unlink()
@@ -113,14 +111,14 @@ def compressed(path: Path) -> None:
     says(path, "FILE")
 
 
-def squeezed(path: Path) -> None:
+def squeezed(path):
     """Compressed messages, of which each holds a gigabyte."""
     (file,) = path.parent.glob("*.mcap")
     file.write_bytes(inputs(data=[zstd_of_zeros(1024)]))
     says(path, "MESSAGE")
 
 
-def replaced(old: str, new: str) -> Make:
+def replaced(old, new):
     """Gait in a folder in whose `metadata.yaml` a text is another."""
     return folder_with(lambda path: path.write_text(path.read_text().replace(old, new)))
 

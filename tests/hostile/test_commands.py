@@ -1,12 +1,9 @@
 """Files of somebody who means no good, given to the commands that read such files: they end soon, and say why."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -60,7 +57,7 @@ MEMORY, SECONDS, PATIENCE = 3 * 2**30, 20, 60
 """Addresses [B] and processor time [s] that a command may use, and the time [s] for one that waits"""
 
 
-def limited(arguments: list[str], log: Path) -> None:
+def limited(arguments, log):
     """In a process of its own: run a command with little memory and time; what it says goes to `log`."""
     descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     for stream in (1, 2):
@@ -71,7 +68,7 @@ def limited(arguments: list[str], log: Path) -> None:
     sys.exit(main(arguments))
 
 
-def run(command: str, bag: Path, output: Path) -> tuple[int | None, str]:
+def run(command, bag, output):
     """Exit code (negative: of a signal) of a command, and what it said."""
     log = output.with_name("log")
     arguments = [command, *COMMANDS[command].format(bag=bag, output=output).split()]
@@ -81,7 +78,7 @@ def run(command: str, bag: Path, output: Path) -> tuple[int | None, str]:
     return process.exitcode, log.read_text(errors="replace")
 
 
-def files(folder: Path) -> dict[str, tuple[int, int]]:
+def files(folder):
     """All that is in a folder: sizes and times."""
     return {
         str(path): (path.lstat().st_size, path.lstat().st_mtime_ns) for path in folder.rglob("*")
@@ -91,7 +88,7 @@ def files(folder: Path) -> dict[str, tuple[int, int]]:
 @pytest.mark.parametrize(
     ("name", "command"), [(name, "solve") for name in BAGS] + OTHERWISE + SEEN
 )
-def test_bags(name: str, command: str, tmp_path: Path) -> None:
+def test_bags(name, command, tmp_path):
     theirs, output = tmp_path / "theirs", tmp_path / "output"
     theirs.mkdir()
     output.mkdir()
@@ -107,7 +104,7 @@ def test_bags(name: str, command: str, tmp_path: Path) -> None:
     assert made <= {"out.mcap", "out.rrd", "out.csv", "out.png", "out.yaml", "report"}
 
 
-def test_every_command_that_reads_bags_is_given_bad_ones() -> None:
+def test_every_command_that_reads_bags_is_given_bad_ones():
     others = knee_contact.commands.keys() - READ_NO_BAG
     assert others == COMMANDS.keys(), (
         f"{others ^ COMMANDS.keys()}: add arguments to COMMANDS and cases to OTHERWISE in {__file__}, or to READ_NO_BAG"
@@ -115,7 +112,7 @@ def test_every_command_that_reads_bags_is_given_bad_ones() -> None:
     assert COMMANDS.keys() == {"solve", "view", *(command for _, command in OTHERWISE)}
 
 
-def test_a_good_bag_passes_the_same_way(tmp_path: Path) -> None:
+def test_a_good_bag_passes_the_same_way(tmp_path):
     output, again = tmp_path / "output", tmp_path / "again"
     output.mkdir()
     again.mkdir()

@@ -4,11 +4,8 @@ What is right is not warned about. tests/ros/test_streams.py walks through the l
 tests/lab/profiles/test_refusals.py has those with surfaces.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +20,7 @@ WEIGHT = 72.6 * 9.80665
 Change = Callable[..., Columns]
 
 
-def by_csv(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+def by_csv(folder, time, angle, load):
     """Import a table in degrees and N."""
     write_csv(folder / "t.csv", {"t": time, "a": np.degrees(angle), "f": load})
     text = "time: {{column: t}}\nangle: {{column: a, unit: deg}}\nload: {{column: f, unit: N}}\nbody_weight: {}\n"
@@ -31,7 +28,7 @@ def by_csv(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) 
     return ["import-csv", "t.csv", "--map=map.yaml", "--output=bag"]
 
 
-def by_opensim(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+def by_opensim(folder, time, angle, load):
     """Import results of OpenSim, whose flexion is negative."""
     write_model(folder / "m.osim")
     write_storage(folder / "q.mot", time, {"knee_angle_r": -np.degrees(angle)}, "yes")
@@ -45,9 +42,7 @@ def by_opensim(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarr
     return ["import-opensim", *files, "--side=right", "--output=bag"]
 
 
-def by_bag(
-    folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray, axis: int = 1
-) -> list[str]:
+def by_bag(folder, time, angle, load, axis=1):
     """Solve a bag of somebody's own."""
     stamps, wrench = np.rint(1e9 * time).astype(np.int64), np.zeros((len(time), 6))
     wrench[:, axis] = -load
@@ -60,12 +55,12 @@ def by_bag(
     return ["solve", "own", "-p", f"body_weight:={WEIGHT}", "--output=out.mcap"]
 
 
-def upright(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+def upright(folder, time, angle, load):
     """Solve a bag whose forces have z up, as robots have it."""
     return by_bag(folder, time, angle, load, axis=2)
 
 
-def by_insole(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+def by_insole(folder, time, angle, load):
     """Import an insole, which bears a third of what the knee does, for estimate-load."""
     command = by_csv(folder, time, angle, load / 3.0)
     text = (folder / "map.yaml").read_text()
@@ -147,12 +142,12 @@ MISTAKES = [(way, name) for way, mistakes in WAYS.items() for name in mistakes]
     ("way", "name"), MISTAKES, ids=lambda each: getattr(each, "__name__", each)
 )
 def test_a_mistake_is_reported(
-    way: Callable[..., list[str]],
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    way,
+    name,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     monkeypatch.chdir(tmp_path)
     change, words = WAYS[way][name]
     code = main(way(tmp_path, *change(*gait())))
@@ -163,11 +158,11 @@ def test_a_mistake_is_reported(
 
 @pytest.mark.parametrize("way", [by_csv, by_opensim, by_bag, by_insole])
 def test_right_input_has_no_warning(
-    way: Callable[..., list[str]],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    way,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     monkeypatch.chdir(tmp_path)
     assert main(way(tmp_path, *gait())) == 0
     assert capsys.readouterr().err == ""

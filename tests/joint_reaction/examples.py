@@ -1,7 +1,5 @@
 """A person, a leg, and what its sensors tell, drawn at random."""
 
-from __future__ import annotations
-
 import math
 from random import Random
 
@@ -25,17 +23,17 @@ EPOCH = 1_700_000_000_000_000_000
 STANDING_STILL = LegMotion(NOT_TURNING, NOT_TURNING, NOT_TURNING)
 
 
-def angles(draw: Random) -> Joints:
+def angles(draw):
     return Joints(draw.uniform(-0.2, 2.2), draw.uniform(-1.5, 1.5), draw.uniform(-0.8, 0.6))
 
 
-def motion(draw: Random) -> LegMotion:
+def motion(draw):
     return LegMotion(
         *[Turning(draw.uniform(-10.0, 10.0), draw.uniform(-200.0, 200.0)) for _ in range(3)]
     )
 
 
-def ground(draw: Random) -> Ground:
+def ground(draw):
     """Of more than a person who jumps."""
     force = (draw.uniform(-500.0, 500.0), draw.uniform(-50.0, 3000.0), draw.uniform(-300.0, 300.0))
     return Ground(
@@ -43,7 +41,7 @@ def ground(draw: Random) -> Ground:
     )
 
 
-def walking(count: int, step: int = MS, shaken: float = 0.0) -> list[tuple[int, Joints]]:
+def walking(count, step=MS, shaken=0.0):
     """Angles of joints that turn about as in walking; stamps [ns] a step apart, shaken by a part of it at most."""
     draw, samples, stamp = Random(3), [], EPOCH
     for _ in range(count):

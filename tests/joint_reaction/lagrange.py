@@ -4,15 +4,10 @@ Derivatives are complex steps: exact but for rounding. The kinetic energy is a q
 momentum is a difference of energies, and its derivative along the motion is one complex step.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from knee_contact_ros.joint_reaction.leg import Leg
 
 Coordinates = NDArray[np.float64]
 """Hip, flexion, dorsiflexion [rad], and their derivatives"""
@@ -36,11 +31,11 @@ class Holds(NamedTuple):
     compression: float
 
 
-def turned(name: str, q: Values) -> Values:
+def turned(name, q):
     return np.asarray(np.dot(TURNS[name], q))
 
 
-def place(path: Path, q: Values) -> Values:
+def place(path, q):
     """Of a point, from the hip."""
     along = [(turned(name, q), x, y) for name, x, y in path]
     return np.array(
@@ -51,7 +46,7 @@ def place(path: Path, q: Values) -> Values:
     )
 
 
-def velocity(path: Path, q: Values, rate: Values) -> Values:
+def velocity(path, q, rate):
     along = [(turned(name, q), turned(name, rate), x, y) for name, x, y in path]
     return np.array(
         [
@@ -61,9 +56,7 @@ def velocity(path: Path, q: Values, rate: Values) -> Values:
     )
 
 
-def derivative(
-    function: Callable[..., Values], at: list[Coordinates], along: list[Coordinates]
-) -> Values:
+def derivative(function, at, along):
     """Of a function of vectors, as they change at given rates."""
     values = function(*[one + 1j * STEP * change for one, change in zip(at, along, strict=True)])
     return np.asarray(np.imag(values) / STEP)
@@ -72,7 +65,7 @@ def derivative(
 class Chain:
     """A leg that hangs from a hip at rest."""
 
-    def __init__(self, leg: Leg) -> None:
+    def __init__(self, leg):
         knee: Path = [("thigh", 0.0, -leg.thigh_length)]
         self.ankle: Path = [*knee, ("shank", 0.0, -leg.shank_length)]
         self.bodies: list[tuple[float, float, str, Path]] = [
@@ -91,20 +84,20 @@ class Chain:
             ),
         ]
 
-    def kinetic(self, q: Values, rate: Values) -> Values:
+    def kinetic(self, q, rate):
         parts = [
             mass * (velocity(path, q, rate) ** 2).sum() + inertia * turned(name, rate) ** 2
             for mass, inertia, name, path in self.bodies
         ]
         return np.asarray(0.5 * np.sum(parts))
 
-    def potential(self, q: Values) -> Values:
+    def potential(self, q):
         return np.asarray(
             GRAVITY * np.sum([mass * place(path, q)[1] for mass, _, _, path in self.bodies])
         )
 
-    def momenta(self, q: Values, rate: Values) -> Values:
-        def one(unit: Coordinates) -> Values:
+    def momenta(self, q, rate):
+        def one(unit):
             return np.asarray(
                 self.kinetic(q, rate + unit) - self.kinetic(q, rate) - self.kinetic(q, unit)
             )
@@ -113,12 +106,12 @@ class Chain:
 
     def torques(
         self,
-        q: Coordinates,
-        rate: Coordinates,
-        acceleration: Coordinates,
-        force: Coordinates,
-        torque: float,
-    ) -> Coordinates:
+        q,
+        rate,
+        acceleration,
+        force,
+        torque,
+    ):
         """What acts along the coordinates beside gravity, and a force and a torque [N m] on the foot at the ankle."""
         found, nothing = derivative(self.momenta, [q, rate], [rate, acceleration]), np.zeros(3)
         for number, unit in enumerate(np.eye(3)):
@@ -130,16 +123,16 @@ class Chain:
 
     def holds(
         self,
-        q: Coordinates,
-        rate: Coordinates,
-        acceleration: Coordinates,
-        force: Coordinates,
-        torque: float,
-    ) -> Holds:
+        q,
+        rate,
+        acceleration,
+        force,
+        torque,
+    ):
         """Moments by virtual work; compression by Newton's law for shank and foot."""
         _, flexing, dorsiflexing = self.torques(q, rate, acceleration, force, torque)
 
-        def momentum(at: Values, turning: Values) -> Values:
+        def momentum(at, turning):
             parts = [mass * velocity(path, at, turning) for mass, _, _, path in self.bodies[1:]]
             return np.asarray(np.sum(parts, axis=0))
 

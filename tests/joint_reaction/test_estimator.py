@@ -1,23 +1,19 @@
 """Estimates sample by sample: what each level makes of what is sensed."""
 
-from __future__ import annotations
-
 import math
 from random import Random
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator, LoadEstimateFields
+from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import (
     NOT_MEASURED,
     NOT_TURNING,
     Ground,
     Joints,
-    LegMotion,
     MotionFilter,
     Turning,
     net_moments,
@@ -46,12 +42,10 @@ draws = st.integers(0, 2**32).map(Random)
 class EstimatorWithMotion:
     """An estimator with a filter that computes the motion of the same joints."""
 
-    def __init__(self, level: str, *trust: Any) -> None:
+    def __init__(self, level, *trust):
         self.estimator, self.motion = Estimator(level, PERSON, *trust), MotionFilter(WINDOW)
 
-    def at(
-        self, stamp: int, joints: Joints, sensed: Ground, status: int = 0
-    ) -> LoadEstimateFields:
+    def at(self, stamp, joints, sensed, status=0):
         return self.estimator.estimate(
             stamp, joints, self.motion.add_angles(stamp, joints), sensed, status
         )
@@ -71,9 +65,7 @@ class EstimatorWithMotion:
         (1.0, -5.0, 0.0),
     ],
 )
-def test_the_weight_above_a_bent_knee_by_hand(
-    flexion: float, force: float, extension: float
-) -> None:
+def test_the_weight_above_a_bent_knee_by_hand(flexion, force, extension):
     under = Ground((0.0, force, 0.0), NO_TORQUE)
     found = LOAD_LEVELS["ground_force"].dynamics(
         LEG, Joints(flexion, NOT_MEASURED, NOT_MEASURED), STANDING_STILL, under
@@ -99,10 +91,10 @@ def test_the_weight_above_a_bent_knee_by_hand(
 
 
 @given(draw=draws)
-def test_what_each_level_looks_at(draw: Random) -> None:
+def test_what_each_level_looks_at(draw):
     joints, moving, sensed = angles(draw), motion(draw), ground(draw)
 
-    def by(level: str, joints: Joints, moving: LegMotion = moving, sensed: Ground = sensed) -> Any:
+    def by(level, joints, moving=moving, sensed=sensed):
         """What is not a number, as a text."""
         return [
             each if math.isfinite(each) else "?"
@@ -137,7 +129,7 @@ def test_what_each_level_looks_at(draw: Random) -> None:
 @pytest.mark.parametrize(
     ("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)]
 )
-def test_what_is_passed_through_and_how_far_it_is_trusted(level: str, number: int) -> None:
+def test_what_is_passed_through_and_how_far_it_is_trusted(level, number):
     weight, error = 75.0 * 9.80665, LOAD_LEVELS[level]
     for calibrated, measured in ((False, error.uncalibrated), (True, error.calibrated)):
         for given_deviation, floor, part in (
@@ -186,9 +178,7 @@ NO_HIP, NO_ANKLE, ALONE = (
         ("ankle_moment", NO_ANKLE, TORQUE, set()),
     ],
 )
-def test_what_is_not_known_is_not_a_number(
-    level: str, joints: Joints, torque: Any, unknown: set[str]
-) -> None:
+def test_what_is_not_known_is_not_a_number(level, joints, torque, unknown):
     estimator = EstimatorWithMotion(level)
     for number in range(100):
         found = estimator.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
@@ -202,7 +192,7 @@ def test_what_is_not_known_is_not_a_number(
 
 
 @given(draw=draws)
-def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw: Random) -> None:
+def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw):
     """Parabolas: the angles of now, the rates of half a window before."""
     curves = np.array(
         [
@@ -238,12 +228,10 @@ SECOND = 1000 * MS
         (0.7, 2.3, True),  # running
     ],
 )
-def test_movements_without_constants_are_doubtful_for_a_stride(
-    flexion: float, force: float, marked: bool
-) -> None:
+def test_movements_without_constants_are_doubtful_for_a_stride(flexion, force, marked):
     weight, one = PERSON.weight, EstimatorWithMotion("ground_force")
 
-    def status(stamp: int, flexion: float, force: float) -> int:
+    def status(stamp, flexion, force):
         sensed = Ground((0.0, force * weight, 0.0), NO_TORQUE)
         return one.at(EPOCH + stamp, Joints(flexion, NOT_MEASURED, NOT_MEASURED), sensed).status
 
@@ -252,7 +240,7 @@ def test_movements_without_constants_are_doubtful_for_a_stride(
     assert status(2 * SECOND, 0.1, 0.5) == 0
 
 
-def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not() -> None:
+def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not():
     still, one = Joints(1.2, NOT_MEASURED, NOT_MEASURED), EstimatorWithMotion("ground_force")
     found = [
         one.at(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NO_TORQUE)).status

@@ -1,7 +1,5 @@
 """Proportions by the published table, net moments against Lagrange's equations, and motion against NumPy's fit."""
 
-from __future__ import annotations
-
 import math
 from random import Random
 
@@ -17,10 +15,7 @@ from knee_contact_ros.joint_reaction.leg import (
     NOT_TURNING,
     Ground,
     Joints,
-    Leg,
-    LegMotion,
     MotionFilter,
-    NetMoments,
     leg_of,
     net_moments,
 )
@@ -34,7 +29,7 @@ from tests.joint_reaction.examples import (
     motion,
     walking,
 )
-from tests.joint_reaction.lagrange import Chain, Holds
+from tests.joint_reaction.lagrange import Chain
 
 ROUNDINGS = 1e-10
 """[N m] or [N]: the reference subtracts powers up to 1e5 W, some ten roundings of 1e-16 of them"""
@@ -50,7 +45,7 @@ draws = st.integers(0, 2**32).map(Random)
 bodies = st.builds(leg_of, st.floats(30.0, 200.0), st.floats(1.2, 2.2))
 
 
-def test_a_leg_of_100_kg_and_2_m() -> None:
+def test_a_leg_of_100_kg_and_2_m():
     """Winter 2009: table 4.1 (leg and foot; the foot from ankle to second metatarsal), figure 4.1 (lengths)."""
     foot = (0.152**2 + 0.078**2) ** 0.5  # [m] half a foot's length ahead, an ankle's height down
     expected = (
@@ -69,7 +64,7 @@ def test_a_leg_of_100_kg_and_2_m() -> None:
     assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
 
-def by_lagrange(leg: Leg, joints: Joints, moving: LegMotion, under: Ground) -> Holds:
+def by_lagrange(leg, joints, moving, under):
     turning = (moving.hip, moving.flexion, moving.ankle)
     return Chain(leg).holds(
         np.array([joints.hip, joints.flexion, joints.ankle]),
@@ -80,12 +75,12 @@ def by_lagrange(leg: Leg, joints: Joints, moving: LegMotion, under: Ground) -> H
     )
 
 
-def still(joints: Joints, under: Ground, leg: Leg = LEG) -> NetMoments:
+def still(joints, under, leg=LEG):
     return net_moments(leg, joints, STANDING_STILL, under)
 
 
 @given(leg=bodies, draw=draws)
-def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw: Random) -> None:
+def test_moments_and_compression_are_those_of_lagrange_and_newton(leg, draw):
     """A foot whose ankle is not known is one body with the shank; without the hip it stands flat, and nothing moves."""
     joints, moving, under = angles(draw), motion(draw), ground(draw)
     flat = joints._replace(hip=joints.flexion - joints.ankle)  # shank + ankle: 0
@@ -105,7 +100,7 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
 
 
 @given(draw=draws)
-def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw: Random) -> None:
+def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw):
     joints, (force, torque) = angles(draw), ground(draw)
     shank = joints.hip - joints.flexion
     down, forward = (
@@ -119,18 +114,18 @@ def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(dra
     )
 
 
-def along(samples: Samples, window: float = WINDOW) -> list[LegMotion]:
+def along(samples, window=WINDOW):
     """At every sample of a stream."""
     motion = MotionFilter(window)
     return [motion.add_angles(*sample) for sample in samples]
 
 
-def within(samples: Samples, span: int = SPAN) -> Samples:
+def within(samples, span=SPAN):
     """Those that a window sees from the last one on."""
     return [sample for sample in samples if samples[-1][0] - sample[0] <= span]
 
 
-def assert_fitted(found: LegMotion, samples: Samples, window: float = WINDOW) -> None:
+def assert_fitted(found, samples, window=WINDOW):
     """As by NumPy, about the middle of the stamps, but for rounding."""
     times = np.array([1e-9 * (stamp - samples[0][0]) for stamp, _ in samples])
     times -= times.mean()
@@ -145,7 +140,7 @@ def assert_fitted(found: LegMotion, samples: Samples, window: float = WINDOW) ->
 
 @pytest.mark.parametrize("window", [0.02, 0.05, 0.2])
 @pytest.mark.parametrize("shaken", [0.0, 0.4])
-def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> None:
+def test_it_is_numpys_fit_all_along_a_stream(window, shaken):
     samples = walking(700, MS, shaken)
     found = along(samples, window)
     for number in range(round(1e3 * window) + 1, 700, 23):
@@ -155,7 +150,7 @@ def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> No
 @pytest.mark.parametrize(
     ("step", "shaken"), [(MS, 0.0), (MS, 0.9), (7 * MS, 0.5), (MS // 40, 0.0), (MS // 40, 0.9)]
 )
-def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) -> None:
+def test_bits_depend_on_what_is_in_the_window_alone(step, shaken):
     """However long the stream has run, and whatever came before: no sum goes on from one stamp to the next."""
     samples = walking(3000, step, shaken)
     motion = MotionFilter(WINDOW)
@@ -167,7 +162,7 @@ def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) ->
         assert along(within(samples[: number + 1]))[-1] == found[number]
 
 
-def test_it_forgets_on_request_and_after_a_pause() -> None:
+def test_it_forgets_on_request_and_after_a_pause():
     samples, motion = walking(200), MotionFilter(WINDOW)
     for sample in samples:
         motion.add_angles(*sample)
@@ -189,7 +184,7 @@ def test_it_forgets_on_request_and_after_a_pause() -> None:
         (walking(30, 20 * MS), 30),  # three in a window
     ],
 )
-def test_it_is_still_until_enough_is_known(samples: Samples, still: int) -> None:
+def test_it_is_still_until_enough_is_known(samples, still):
     assert [motion == MOTIONLESS for motion in along(samples)] == [True] * still + [False] * (
         len(samples) - still
     )
@@ -198,9 +193,7 @@ def test_it_is_still_until_enough_is_known(samples: Samples, still: int) -> None
 
 @pytest.mark.parametrize("missing", [("hip",), ("ankle",), ("hip", "ankle")])
 @pytest.mark.parametrize("one", [True, False])
-def test_a_joint_that_is_not_measured_stands_and_harms_no_other(
-    missing: tuple[str, ...], one: bool
-) -> None:
+def test_a_joint_that_is_not_measured_stands_and_harms_no_other(missing, one):
     """One angle that is missing is forgotten with its window."""
     samples = walking(200)
     known = [one and number != 100 for number in range(200)]

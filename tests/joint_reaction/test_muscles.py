@@ -1,7 +1,5 @@
 """Forces of the muscles: by their arms they hold the moment that is asked for, antagonists pull, and nothing jumps."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -53,7 +51,7 @@ scales = st.floats(0.7, 1.4)
 
 
 @pytest.mark.parametrize("name", MUSCLES)
-def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> None:
+def test_arms_are_the_polynomials_and_constant_beyond_their_range(name):
     coefficients, span, known = MUSCLES[name]
     for degrees, millimetres in known.items():  # with two decimals
         assert 1e3 * moment_arm(coefficients, math.radians(degrees)) == pytest.approx(
@@ -78,7 +76,7 @@ class Arms(NamedTuple):
     hamstrings: float
     gastrocnemius: float
 
-    def moment(self, muscles: Muscles) -> float:
+    def moment(self, muscles):
         extension = self.quadriceps * muscles.quadriceps
         return (
             extension
@@ -86,14 +84,14 @@ class Arms(NamedTuple):
             - self.gastrocnemius * muscles.gastrocnemius
         )
 
-    def at_rest(self, gastrocnemius: float, floor: float) -> float:
+    def at_rest(self, gastrocnemius, floor):
         """The moment that antagonists alone make, with no more than the floor: where the sides change."""
         return self.moment(
             Muscles(0.5 * floor, max(0.5 * floor - gastrocnemius, 0.0), gastrocnemius)
         )
 
 
-def arms(flexion: float, scale: float = 1.0) -> Arms:
+def arms(flexion, scale=1.0):
     """By NumPy's polynomials."""
     curves = (package.QUADRICEPS_ARM, package.HAMSTRINGS_ARM, package.GASTROCNEMIUS_ARM)
     return Arms(*[scale * float(np.polynomial.polynomial.polyval(flexion, one)) for one in curves])
@@ -101,8 +99,8 @@ def arms(flexion: float, scale: float = 1.0) -> Arms:
 
 @given(moment=moments, flexion=flexions, calf=calves, floor=floors, scale=scales)
 def test_the_forces_make_the_moment_that_is_asked_for_and_both_sides_pull_with_half_the_floor(
-    moment: float, flexion: float, calf: float, floor: float, scale: float
-) -> None:
+    moment, flexion, calf, floor, scale
+):
     muscles, moment_arm = muscles_of(moment, flexion, calf, floor, scale), arms(flexion, scale)
     assert muscles.gastrocnemius == calf
     assert moment_arm.moment(muscles) == pytest.approx(moment, abs=ROUNDINGS * 400.0)
@@ -122,7 +120,7 @@ MS = 1_000_000
 
 
 @pytest.mark.parametrize("step", [MS // 7, MS, 20 * MS, 500 * MS])
-def test_the_lag_is_that_of_a_first_order_at_any_rate(step: int) -> None:
+def test_the_lag_is_that_of_a_first_order_at_any_rate(step):
     """Of a need that rises by 1000 N/s from 200 N on: it is behind by 25 ms of that, once e^(-t / 25 ms) has faded."""
     lag = ActivationLag()
     for stamp in range(0, 1000 * MS + 1, step):
@@ -139,10 +137,10 @@ def test_the_lag_is_that_of_a_first_order_at_any_rate(step: int) -> None:
     assert lag.forces_at(stamp + 2 * MS, Muscles(4.0, 5.0, 6.0), 0.025) == (4.0, 5.0, 6.0)
 
 
-def test_the_gastrocnemius_by_hand() -> None:
+def test_the_gastrocnemius_by_hand():
     """A third of 100 N m, rather 0.342, at 45.73 mm; it does not push."""
 
-    def calf(moment: float, ankle: float, scale: float = 1.0) -> float:
+    def calf(moment, ankle, scale=1.0):
         person = PERSON._replace(moment_arm_scale=scale)
         return reaction_of(
             person, Joints(0.3, 0.1, ankle), net(0.0, moment), 500.0
@@ -158,7 +156,7 @@ def test_the_gastrocnemius_by_hand() -> None:
     assert math.isnan(muscles_of(math.nan, 0.3, 0.0, 100.0, 1.0).total)
 
 
-def net(extension: float, plantarflexion: float, compression: float = 400.0) -> NetMoments:
+def net(extension, plantarflexion, compression=400.0):
     return NetMoments(extension, plantarflexion, compression, 0.0)
 
 
@@ -170,8 +168,8 @@ def net(extension: float, plantarflexion: float, compression: float = 400.0) -> 
     flexion=st.floats(0.0, 1.5),
 )
 def test_what_an_actuator_takes_is_as_if_it_were_not_asked_for(
-    extension: float, plantarflexion: float, knee: float, ankle: float, flexion: float
-) -> None:
+    extension, plantarflexion, knee, ankle, flexion
+):
     """One that takes all leaves the floor."""
     joints, asked = Joints(flexion, 0.1, 0.1), net(extension, plantarflexion)
     helped = reaction_of(

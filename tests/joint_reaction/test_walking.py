@@ -1,7 +1,5 @@
 """The load that is expected in level walking: where in a stride it is, when it counts, and what it leaves alone."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -11,7 +9,6 @@ from knee_contact_ros.joint_reaction.leg import NOT_MEASURED, Ground, Joints
 from knee_contact_ros.joint_reaction.walking import (
     MEASURED_LOADS,
     NOT_WALKING,
-    ExpectedLoad,
     Stride,
     StrideLoads,
 )
@@ -26,17 +23,17 @@ ROUNDING = 1e-9
 STEP = 10 * MS
 
 
-def follow(stride: Stride, forces: list[float], since: int = 0) -> list[ExpectedLoad]:
+def follow(stride, forces, since=0):
     """What is expected at forces [body weights] every 10 ms."""
     return [stride.expect_load(EPOCH + since + n * STEP, force) for n, force in enumerate(forces)]
 
 
-def steps(*phases: tuple[float, int]) -> list[float]:
+def steps(*phases):
     """Forces [body weights] that hold for numbers of samples."""
     return [force for force, number in phases for _ in range(number)]
 
 
-def test_a_stride_by_hand() -> None:
+def test_a_stride_by_hand():
     found = follow(Stride(RAMP), steps((0.0, 5), (0.6, 71), (0.0, 42), (0.6, 50)))
     assert found[4] == NOT_WALKING
     assert found[5] == (0.0, 0.0)
@@ -57,7 +54,7 @@ def test_a_stride_by_hand() -> None:
     assert found[138] == pytest.approx((20.0 * 0.2 / 0.71, 1.0), abs=ROUNDING)
 
 
-def test_the_pace_is_that_of_the_last_stance() -> None:
+def test_the_pace_is_that_of_the_last_stance():
     found = follow(Stride(RAMP), steps((0.0, 5), (0.6, 100), (0.0, 45), (0.6, 60)))
     assert found[-1].load == pytest.approx(20.0 * 0.59 / 1.0, abs=ROUNDING)
 
@@ -72,20 +69,18 @@ def test_the_pace_is_that_of_the_last_stance() -> None:
         steps((0.0, 5), (0.6, 20), (0.0, 20)),  # a foot that taps
     ],
 )
-def test_what_is_no_walk_is_not_expected(forces: list[float]) -> None:
+def test_what_is_no_walk_is_not_expected(forces):
     assert follow(Stride(), forces)[-1] == NOT_WALKING
 
 
-def test_a_recording_may_begin_with_a_heel_strike_and_a_pause_begins_anew() -> None:
+def test_a_recording_may_begin_with_a_heel_strike_and_a_pause_begins_anew():
     stride = Stride(RAMP)
     assert follow(stride, steps((0.1, 1), (0.8, 30)))[-1].certainty == 1.0
     assert follow(stride, [0.8], since=2000 * MS) == [NOT_WALKING]
     assert stride.expect_load(EPOCH, 0.8) == NOT_WALKING
 
 
-def estimate_mid_stance(
-    share: float, assistance: float = 0.0, flexion: float = 0.3
-) -> tuple[float, float, float, int]:
+def estimate_mid_stance(share, assistance=0.0, flexion=0.3):
     """Axial, sensed and expected force [N] and status at 0.355 s of a stance."""
     estimator = Estimator("ground_force", PERSON._replace(expected_load=share))
     joints = Joints(flexion, NOT_MEASURED, NOT_MEASURED, assistance)
@@ -97,21 +92,21 @@ def estimate_mid_stance(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_the_estimate_is_the_weighted_mean_of_both_parts(share: float) -> None:
+def test_the_estimate_is_the_weighted_mean_of_both_parts(share):
     axial, sensed, expected, status = estimate_mid_stance(share)
     assert status == 0
     assert expected == pytest.approx(MEASURED_LOADS.stance[10] * PERSON.weight, rel=1e-12)
     assert axial == pytest.approx((1.0 - share) * sensed + share * expected, rel=1e-12)
 
 
-def test_what_an_actuator_changes_is_not_averaged_away() -> None:
+def test_what_an_actuator_changes_is_not_averaged_away():
     plain, helped = estimate_mid_stance(0.5), estimate_mid_stance(0.5, assistance=20.0)
     assert helped[1] < plain[1] - 100.0
     assert helped[0] - plain[0] == pytest.approx(helped[1] - plain[1], rel=1e-9)
     assert helped[2] == plain[2]
 
 
-def test_another_movement_leaves_the_sensors_alone() -> None:
+def test_another_movement_leaves_the_sensors_alone():
     axial, sensed, expected, status = estimate_mid_stance(0.5, flexion=1.2)
     assert status == BIT_DOUBTFUL_LOAD
     assert axial == sensed

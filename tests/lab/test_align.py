@@ -1,18 +1,14 @@
 """`knee-contact align`: offset, lag and gain that were put in are found, with intervals that hold them."""
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from knee_contact_ros.lab.align import Alignment, aligned
+from knee_contact_ros.lab.align import aligned
 from knee_contact_ros.lab.tables import TimeSeries
-from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
@@ -20,20 +16,20 @@ from tests.helpers.commands import run
 from tests.lab.trials import DELAY, MAP, OFFSET, cells, flexion, write_csv, write_trial
 
 
-def series(time: Floats, degrees: Floats) -> TimeSeries:
+def series(time, degrees):
     return TimeSeries(
         "angle", Path("a.csv"), "a", np.rint(1e9 * time).astype(np.int64), np.radians(degrees)
     )
 
 
 def found(
-    lag: float = 0.0137,
-    offset: float = -7.0,
-    gain: float = 1.0,
-    noise: float = 0.0,
-    seconds: float = 12.0,
-    seed: int = 0,
-) -> Alignment:
+    lag=0.0137,
+    offset=-7.0,
+    gain=1.0,
+    noise=0.0,
+    seconds=12.0,
+    seed=0,
+):
     """What is found of a sensor at 148 Hz that is off, against a reference at 100 Hz."""
     time, known = np.arange(0.0, seconds, 1.0 / 148.0), np.arange(0.0, seconds, 0.01)
     sensor = (
@@ -45,7 +41,7 @@ def found(
 
 
 @pytest.mark.parametrize(("lag", "gain"), [(-0.043, 1.0), (0.2, 1.0), (0.0137, 0.85)])
-def test_what_was_put_in_is_found_to_a_fraction_of_a_sample(lag: float, gain: float) -> None:
+def test_what_was_put_in_is_found_to_a_fraction_of_a_sample(lag, gain):
     """A spline through 100 Hz follows a gait to 1e-4 of a degree; a wrong gain pulls at no lag."""
     got = found(lag, gain=gain)
     assert got.lag.value == pytest.approx(lag, abs=2e-5)
@@ -56,7 +52,7 @@ def test_what_was_put_in_is_found_to_a_fraction_of_a_sample(lag: float, gain: fl
         assert math.degrees(got.offset.value) == pytest.approx(-7.0, abs=1e-3)
 
 
-def test_intervals_hold_what_was_put_in_as_often_as_they_say() -> None:
+def test_intervals_hold_what_was_put_in_as_often_as_they_say():
     """95 % of 30: binomially 25 or more, but for one time in a hundred."""
     tries = [found(noise=2.0, seed=seed) for seed in range(30)]
     for name, right in (("lag", 0.0137), ("offset", math.radians(-7.0)), ("gain", 1.0)):
@@ -70,7 +66,7 @@ def test_intervals_hold_what_was_put_in_as_often_as_they_say() -> None:
         )  # 1.96 if it were normal
 
 
-def test_gaps_of_the_reference_do_not_count() -> None:
+def test_gaps_of_the_reference_do_not_count():
     time, known = np.arange(0.0, 12.0, 1.0 / 148.0), np.arange(0.0, 12.0, 0.01)
     known = known[(known < 4.0) | (known > 5.5)]
     got = aligned(
@@ -98,9 +94,7 @@ def test_gaps_of_the_reference_do_not_count() -> None:
         (None, "have 0 rows in common"),
     ],
 )
-def test_angles_that_do_not_go_together_are_refused(
-    sensor: Callable[[Floats], Floats] | None, words: str
-) -> None:
+def test_angles_that_do_not_go_together_are_refused(sensor, words):
     """Of a sensor, or of one that measured at another time."""
     time = np.arange(0.0, 10.0, 0.01)
     measured = series(time, sensor(time)) if sensor else series(time + 30.0, flexion(time))
@@ -108,9 +102,7 @@ def test_angles_that_do_not_go_together_are_refused(
         aligned(measured, series(time, flexion(time)), 0.25, 0.1)
 
 
-def test_the_command_writes_parameters_that_make_the_sensor_right(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_parameters_that_make_the_sensor_right(tmp_path, capsys):
     """Flexion of the answers, computed with them, is that of the motion capture; without, it is 12 degrees off."""
     moved, tray, map_file = write_trial(tmp_path, noise=0.5)
     overlay, bag = tmp_path / "align.yaml", tmp_path / "bag"
@@ -135,9 +127,7 @@ def test_the_command_writes_parameters_that_make_the_sensor_right(
     assert "exists already" in capsys.readouterr().err
 
 
-def test_the_command_warns_of_a_gain_and_names_the_scale_that_corrects_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_warns_of_a_gain_and_names_the_scale_that_corrects_it(tmp_path, capsys):
     moved, tray, map_file = write_trial(tmp_path, noise=0.5)
     map_file.write_text(
         MAP.replace("goniometer_deg, unit: deg", "goniometer_deg, unit: deg, scale: 0.8")
@@ -159,9 +149,7 @@ def test_the_command_warns_of_a_gain_and_names_the_scale_that_corrects_it(
         (1.0 / 1.15, "scale: 1.15", ()),
     ],
 )
-def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
-    weight: float, entries: str, live: tuple[float, ...] | None, tmp_path: Path
-) -> None:
+def test_the_file_says_what_a_node_with_the_raw_sensor_needs(weight, entries, live, tmp_path):
     """Whatever the map does to the angle, a raw sensor that is `weight` times the goniometer needs the same offset."""
     moved, tray, map_file = write_trial(tmp_path)
     map_file.write_text(
@@ -179,9 +167,7 @@ def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
         assert (sign, math.degrees(offset)) == (live[0], pytest.approx(live[1], abs=0.1))
 
 
-def test_a_map_without_a_reference_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_map_without_a_reference_is_refused(tmp_path, capsys):
     _, tray, map_file = write_trial(tmp_path)
     map_file.write_text("time: {column: time_s}\nangle: {column: goniometer_deg, unit: deg}\n")
     command = f"align {tray} --map {map_file} --output {tmp_path}/align.yaml"

@@ -1,7 +1,5 @@
 """Knees as C: no warning, the same numbers on each processor, and refusals as in Python."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -37,11 +35,11 @@ TIME_LIMIT = 120
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+def exported(tmp_path_factory):
     """Function that returns the folder of a knee for a target."""
     folder = tmp_path_factory.mktemp("exported")
 
-    def exported(knee: str, target: str) -> Path:
+    def exported(knee, target):
         output = folder / target / knee
         if not output.exists():
             export(load_parameters(KNEES[knee]), knee, output, target)
@@ -53,14 +51,14 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], P
 Exported = Callable[[str, str], Path]
 
 
-def compiled(folder: Path, *arguments: str, compiler: str = "cc", name: str = "program") -> str:
+def compiled(folder, *arguments, compiler="cc", name="program"):
     """Compile C in a folder; return what the compiler says, which is nothing if it is well."""
     command = [*compiler.split(), *arguments, "-o", name, "-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     return done.stderr + "failed" * (done.returncode != 0)
 
 
-def ran(folder: Path, *command: str) -> tuple[int, str]:
+def ran(folder, *command):
     """Run a program of a folder; return its exit code and what it prints."""
     done = subprocess.run(
         command or ["./program"],
@@ -74,7 +72,7 @@ def ran(folder: Path, *command: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("knee", KNEES)
-def test_a_knee_in_c_gives_the_same_bytes_here(exported: Exported, knee: str) -> None:
+def test_a_knee_in_c_gives_the_same_bytes_here(exported, knee):
     folder = exported(knee, "x86-64")
     sources = f"{knee}_test.c", f"{knee}.c", "knee_contact.o"
     assert compiled(folder, "-std=c99", *WARNINGS, *sources) == ""
@@ -85,7 +83,7 @@ def test_a_knee_in_c_gives_the_same_bytes_here(exported: Exported, knee: str) ->
     )
 
 
-def test_the_header_is_c_and_cplusplus(exported: Exported) -> None:
+def test_the_header_is_c_and_cplusplus(exported):
     folder = exported("healthy", "x86-64")
     shutil.copy(Path(__file__).with_name("refused_samples.cpp"), folder)
     objects = "refused_samples.cpp", "healthy.o", "knee_contact.o"
@@ -102,9 +100,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_broken_layout_fails_the_exported_test(
-    exported: Exported, tmp_path: Path, kind: str
-) -> None:
+def test_a_broken_layout_fails_the_exported_test(exported, tmp_path, kind):
     folder = shutil.copytree(exported("healthy", "x86-64"), tmp_path / "broken")
     header = (folder / "knee_contact.h").read_text()
     before, after = BROKEN[kind]
@@ -113,7 +109,7 @@ def test_a_broken_layout_fails_the_exported_test(
     assert compiled(folder, "-std=c99", "healthy_test.c", "healthy.c", "knee_contact.o")
 
 
-def test_wrong_constants_fail_the_exported_test(exported: Exported, tmp_path: Path) -> None:
+def test_wrong_constants_fail_the_exported_test(exported, tmp_path):
     """As those of a kernel with another layout of the knee, or of another float ABI, would be."""
     folder = shutil.copytree(exported("healthy", "x86-64"), tmp_path / "wrong")
     source = (folder / "healthy.c").read_text()
@@ -135,7 +131,7 @@ INSTRUCTIONS = {"healthy": 1_293_000, "mri_knee": 7_143_000}
 
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="needs Debian: apt install valgrind")
 @pytest.mark.parametrize("knee", INSTRUCTIONS)
-def test_ticks_take_no_more_instructions(exported: Exported, knee: str) -> None:
+def test_ticks_take_no_more_instructions(exported, knee):
     folder = exported(knee, "x86-64")
     assert compiled(folder, "-O2", f"{knee}_test.c", f"{knee}.c", "knee_contact.o") == ""
     count = ["--tool=callgrind", f"--toggle-collect={ENTRY}", "--callgrind-out-file=/dev/null"]
@@ -152,7 +148,7 @@ def test_ticks_take_no_more_instructions(exported: Exported, knee: str) -> None:
 
 
 @pytest.mark.parametrize("knee", ["healthy", "mri_knee"])
-def test_the_same_bytes_on_aarch64(exported: Exported, knee: str) -> None:
+def test_the_same_bytes_on_aarch64(exported, knee):
     compiler, emulator = "aarch64-linux-gnu-gcc", "qemu-aarch64"
     if not (shutil.which(compiler) and shutil.which(emulator)):
         pytest.skip(
@@ -165,7 +161,7 @@ def test_the_same_bytes_on_aarch64(exported: Exported, knee: str) -> None:
     assert (code, "200 of 200" in said) == (0, True), said
 
 
-def test_an_object_of_another_float_abi_is_not_linked(exported: Exported, tmp_path: Path) -> None:
+def test_an_object_of_another_float_abi_is_not_linked(exported, tmp_path):
     """As the one that LLVM makes for a triple that is not normalised."""
     if not shutil.which("arm-none-eabi-gcc"):
         pytest.skip("needs Debian: apt install gcc-arm-none-eabi libnewlib-arm-none-eabi")
@@ -183,7 +179,7 @@ def test_an_object_of_another_float_abi_is_not_linked(exported: Exported, tmp_pa
 
 
 @pytest.mark.parametrize("knee", ["healthy", "mri_knee"])
-def test_the_promised_digits_on_a_cortex_m7(exported: Exported, knee: str) -> None:
+def test_the_promised_digits_on_a_cortex_m7(exported, knee):
     compiler, emulator = "arm-none-eabi-gcc", "qemu-system-arm"
     if not (shutil.which(compiler) and shutil.which(emulator)):
         pytest.skip(
@@ -201,7 +197,7 @@ def test_the_promised_digits_on_a_cortex_m7(exported: Exported, knee: str) -> No
     assert (code, said.startswith(f"{knee}: ")) == (0, True), said
 
 
-def test_the_command_names_its_files(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_the_command_names_its_files(capsys, tmp_path):
     files = ["healthy", "both_compartments", "--output", str(tmp_path), "--name", "knee"]
     assert main(["export", *files]) == 0
     assert "knee_contact.h" in capsys.readouterr().out

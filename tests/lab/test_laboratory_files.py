@@ -1,9 +1,6 @@
 """Files as laboratories have them: what was once read wrongly without a word."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +8,6 @@ import pytest
 from knee_contact_ros.commands.main import main
 from tests.joint_reaction.test_conventions import stance
 from tests.lab.test_sensors import (
-    Capture,
-    Importing,
     angles_of,
     content,
     importing,
@@ -30,7 +25,7 @@ body_weight: 700
 TIME = np.arange(150) / 50.0
 
 
-def write_c3d(labels: list[str], **point: Any) -> None:
+def write_c3d(labels, **point):
     """A walk of 3 s at 50 Hz; points are 0 except RKneeAngles, FZ1 is the load at 500 Hz with hum of 50 and 25 Hz."""
     ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
     made = ezc3d.c3d()
@@ -55,7 +50,7 @@ def write_c3d(labels: list[str], **point: Any) -> None:
 
 
 @pytest.mark.parametrize("number", [3, 300, 600])
-def test_columns_of_a_c3d_file_have_their_own_names(importing: Importing, number: int) -> None:
+def test_columns_of_a_c3d_file_have_their_own_names(importing, number):
     """A file has 255 names in each of LABELS, LABELS2 and so on; hum of the frames' rate is no offset."""
     write_c3d([f"M{place}" for place in range(number)] + ["RKneeAngles"])
     assert importing(None, C3D_MAP, files=["walk.c3d"]) == 0
@@ -72,22 +67,18 @@ def test_columns_of_a_c3d_file_have_their_own_names(importing: Importing, number
         ({"LABELS9": ["more"]}, "has 2 points, and names 3 (LABELS)"),
     ],
 )
-def test_a_c3d_file_that_says_otherwise_is_refused(
-    importing: Importing, capsys: Capture, point: dict[str, Any], words: str
-) -> None:
+def test_a_c3d_file_that_says_otherwise_is_refused(importing, capsys, point, words):
     write_c3d(["RKneeAngles", "LASI"], **point)
     assert importing(None, C3D_MAP, files=["walk.c3d"]) == 2
     assert words in in_a_line(capsys.readouterr().err)
 
 
-def test_a_c3d_file_that_agrees_is_read(importing: Importing) -> None:
+def test_a_c3d_file_that_agrees_is_read(importing):
     write_c3d(["RKneeAngles", "LASI"], ANGLES=["RKneeAngles"], ANGLE_UNITS=["deg"])
     assert importing(None, C3D_MAP, files=["walk.c3d"]) == 0
 
 
-def test_a_net_joint_force_is_doubted_and_the_doubt_stays(
-    importing: Importing, capsys: Capture, tmp_path: Path
-) -> None:
+def test_a_net_joint_force_is_doubted_and_the_doubt_stays(importing, capsys, tmp_path):
     table = cells()
     peak = load(table["time_s"]).max()
     for name in ("pm_n", "am_n", "al_n", "pl_n"):
@@ -111,7 +102,7 @@ def test_a_net_joint_force_is_doubted_and_the_doubt_stays(
         assert "the net joint force of inverse dynamics" in said, command
 
 
-def test_a_squeezed_angle_is_doubted(importing: Importing, capsys: Capture) -> None:
+def test_a_squeezed_angle_is_doubted(importing, capsys):
     """Times of a force at 1000 Hz with angles at 148 Hz turn the knee 6.7 times as fast."""
     table = cells()
     fast = {"time_s": table["time_s"] * 0.148, **{n: v for n, v in table.items() if n != "time_s"}}
@@ -129,7 +120,7 @@ TWO_CLOCKS = {
 
 
 @pytest.mark.parametrize("name", TWO_CLOCKS)
-def test_each_column_has_the_times_next_to_it(importing: Importing, name: str) -> None:
+def test_each_column_has_the_times_next_to_it(importing, name):
     slow, fast = np.arange(0.0, 3.0, 0.00675), np.arange(0.0, 3.0, 0.001)
     rows = ["X[s],Force [N],X[s],Gonio [deg]"]
     for row, time in enumerate(fast.tolist()):
@@ -144,7 +135,7 @@ def test_each_column_has_the_times_next_to_it(importing: Importing, name: str) -
 
 
 @pytest.mark.parametrize("frames", [False, True])
-def test_each_file_may_have_its_own_time(importing: Importing, frames: bool) -> None:
+def test_each_file_may_have_its_own_time(importing, frames):
     time = np.arange(0.0, 3.0, 0.02)
     own = {"Frame": 1.0 + np.arange(150.0)} if frames else {"Time_ms": 1e3 * time}
     said = "{column: Frame, rate: 50}" if frames else "{column: Time_ms, unit: ms}"
@@ -160,7 +151,7 @@ def test_each_file_may_have_its_own_time(importing: Importing, frames: bool) -> 
     np.testing.assert_allclose(loads_of(forces), load(time), atol=1e-3)
 
 
-def test_a_point_is_decimal_where_commas_divide_columns(importing: Importing) -> None:
+def test_a_point_is_decimal_where_commas_divide_columns(importing):
     time = np.arange(0.0, 3.0, 0.02)
     rows = [
         f"{t:.2f},{q:.3f},{f:.3f}" for t, q, f in zip(time, flexion(time), load(time), strict=True)
@@ -171,9 +162,7 @@ def test_a_point_is_decimal_where_commas_divide_columns(importing: Importing) ->
     assert len(content()[0]) == 149
 
 
-def test_a_hip_against_the_pelvis_is_doubted_and_the_pelvis_taken_off(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_a_hip_against_the_pelvis_is_doubted_and_the_pelvis_taken_off(importing, capsys):
     rows = np.concatenate([stance(seed) for seed in (1, 2)])
     names = ("knee", "hip", "ankle", "fx", "fy", "tz")
     table = {"time": np.arange(len(rows)) / 100.0, **dict(zip(names, rows.T, strict=True))}
@@ -197,15 +186,13 @@ def test_a_hip_against_the_pelvis_is_doubted_and_the_pelvis_taken_off(
 
 
 @pytest.mark.parametrize("suffix", ["mat", "xlsx", "b3d", "mvnx", "json", "h5", "npz"])
-def test_other_formats_are_refused_with_the_line_that_converts_them(
-    importing: Importing, capsys: Capture, suffix: str
-) -> None:
+def test_other_formats_are_refused_with_the_line_that_converts_them(importing, capsys, suffix):
     Path(f"trial.{suffix}").write_bytes(bytes(100))
     assert importing(None, MAP, files=[f"trial.{suffix}"]) == 2
     assert "make it one, as in Python: " in capsys.readouterr().err
 
 
-def test_forces_per_mass_and_brackets_without_a_unit(importing: Importing) -> None:
+def test_forces_per_mass_and_brackets_without_a_unit(importing):
     time = np.arange(0.0, 3.0, 0.02)
     mass = WEIGHT / 9.80665
     table = {"time": time, "Knee.Pos[0]": flexion(time), "Fz (R)": load(time) / mass}

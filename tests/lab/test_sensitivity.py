@@ -1,13 +1,8 @@
 """Indices that are known, of Ishigami's function and of a power law; and the command: pictures and table."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,12 +29,12 @@ QUICK = {"fidelity.level": "quasi_static"}
 Capture = pytest.CaptureFixture[str]
 
 
-def ishigami(design: SalibDesign) -> np.ndarray:
+def ishigami(design):
     """The function at the points of a design."""
     return np.asarray(Ishigami.evaluate(design.points(), A, B))
 
 
-def test_morris_finds_what_bends_and_what_is_straight() -> None:
+def test_morris_finds_what_bends_and_what_is_straight():
     design = SalibDesign(
         method="morris", n=40, ranges={"a": [0.0, 2.0], "b": [0.0, 1.0], "c": [0.0, 1.0]}
     )
@@ -56,12 +51,12 @@ def test_morris_finds_what_bends_and_what_is_straight() -> None:
     assert means["value"]["a"] > 0.0 > means["value"]["b"]
 
 
-def mean_power(begin: float, end: float, power: float) -> float:
+def mean_power(begin, end, power):
     """The mean of x^power, x evenly in the logarithm."""
     return (end**power - begin**power) / (power * math.log(end / begin))
 
 
-def test_a_depth_at_rest_has_the_indices_of_its_power_law() -> None:
+def test_a_depth_at_rest_has_the_indices_of_its_power_law():
     """depth = (share L / K)^(1/n), a product of independent factors x^a, x evenly in the logarithm."""
     ends = {"contact.stiffness": (4e7, 1.2e8), "load.share": (0.4, 0.8)}
     ranges = {
@@ -101,7 +96,7 @@ def test_a_depth_at_rest_has_the_indices_of_its_power_law() -> None:
     ]
 
 
-def test_failed_cases_constant_outcomes_and_noise_have_no_index() -> None:
+def test_failed_cases_constant_outcomes_and_noise_have_no_index():
     design = SalibDesign(n=256, ranges=CUBE)
     values = ishigami(design)
     values[[0, 1, 7 * design.group]] = np.nan  # of two groups
@@ -122,7 +117,7 @@ def test_failed_cases_constant_outcomes_and_noise_have_no_index() -> None:
         assert reason in refused.reason
 
 
-def test_indices_that_have_not_converged_are_reported() -> None:
+def test_indices_that_have_not_converged_are_reported():
     design = SalibDesign(n=16, ranges=CUBE)
     doubts = not_converged(design, analyse(design, "peak_depth", ishigami(design)))
     assert "not converged: the interval of the largest index" in doubts[0]
@@ -137,7 +132,7 @@ def test_indices_that_have_not_converged_are_reported() -> None:
 
 
 @pytest.fixture(scope="module")
-def scheduler() -> Iterator[str]:
+def scheduler():
     """Workers in this process, to save their start."""
     with LocalCluster(
         n_workers=1,
@@ -152,17 +147,17 @@ def scheduler() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def short_bag(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
+def short_bag(tmp_path_factory, right_bag):
     """Three tenths of a second of the shipped gait, in stance."""
     return write_rosbag2(tmp_path_factory.mktemp("bag") / "short", raw_messages(right_bag)[60:90])
 
 
-def study_with(**sensitivity: Any) -> dict[str, Any]:
+def study_with(**sensitivity):
     """What a file says of the analysis."""
     return {"sensitivity": {"n": 8, "ranges": RANGES} | sensitivity}
 
 
-def run(folder: Path, bag: Path, content: dict[str, Any], scheduler: str) -> int:
+def run(folder, bag, content, scheduler):
     """The command on a study, into `folder / out`."""
     usual = {
         "bags": [str(bag)],
@@ -175,15 +170,13 @@ def run(folder: Path, bag: Path, content: dict[str, Any], scheduler: str) -> int
     return commands.run(f"sensitivity {folder}/study.yaml {options}")
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
+def rows(folder):
     """The table of a study."""
     with (folder / "out" / "indices.csv").open() as file:
         return list(csv.DictReader(file))
 
 
-def test_a_study_gives_pictures_and_a_tidy_table(
-    tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture
-) -> None:
+def test_a_study_gives_pictures_and_a_tidy_table(tmp_path, short_bag, scheduler, capsys):
     content = study_with(n=16, second_order=True) | {"grid": {"load.share": [0.4, 1.0]}}
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "sensitivity_peak_force.png").write_bytes(b"earlier")
@@ -217,8 +210,8 @@ def test_a_study_gives_pictures_and_a_tidy_table(
 
 
 def test_failed_cases_are_reported_and_too_many_leave_no_index(
-    tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture
-) -> None:
+    tmp_path, short_bag, scheduler, capsys
+):
     ranges = {"contact.femoral_radius": [0.03, 0.06], "contact.tibial_radius": [0.05, 0.09]}
     content = study_with(ranges=ranges) | {
         "values": QUICK | {"contact.stiffness_from": "material"}
@@ -233,12 +226,12 @@ def test_failed_cases_are_reported_and_too_many_leave_no_index(
     assert not list((tmp_path / "out").glob("*.png"))
 
 
-def test_the_example_can_be_read() -> None:
+def test_the_example_can_be_read():
     found = read_study(share_folder() / "examples" / "sensitivity.yaml", SensitivityStudy)
     assert found.number == 4 * found.design.n * 8
 
 
-def with_range(name: str, ends: Any) -> dict[str, Any]:
+def with_range(name, ends):
     """A further range."""
     return study_with(ranges=RANGES | {name: ends})
 
@@ -267,9 +260,7 @@ def with_range(name: str, ends: Any) -> dict[str, Any]:
         ),
     ],
 )
-def test_bad_input_is_one_line(
-    tmp_path: Path, short_bag: Path, wrong: dict[str, Any], line: str, capsys: Capture
-) -> None:
+def test_bad_input_is_one_line(tmp_path, short_bag, wrong, line, capsys):
     assert run(tmp_path, short_bag, wrong, "tcp://127.0.0.1:9") == 2
     error = capsys.readouterr().err
     assert line in error

@@ -1,7 +1,5 @@
 """`knee-contact import-csv`: what is in the bag, and what is told of files that are damaged or mislabelled."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -23,11 +21,11 @@ from tests.lab.trials import MAP, SECONDS, cells, flexion, load, motion, write_c
 
 
 @pytest.fixture
-def importing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+def importing(tmp_path, monkeypatch):
     """Imports cells.csv, made of columns or bytes, or other files, by a map into the bag `bag`; gives the exit code."""
     monkeypatch.chdir(tmp_path)
 
-    def run(made: Any = None, text: str = MAP, *more: str, files: Any = ("cells.csv",)) -> int:
+    def run(made=None, text=MAP, *more, files=("cells.csv",)):
         if isinstance(made, str):
             made = made.encode()
         if isinstance(made, bytes):
@@ -44,7 +42,7 @@ Importing = Callable[..., int]
 Capture = pytest.CaptureFixture[str]
 
 
-def content() -> tuple[list[Any], list[Any]]:
+def content():
     """Angles and forces."""
     messages = raw_messages(Path("bag"))
     angles = [JOINT_STATE.decode_message(m.data) for m in messages if m.topic == "/joint_states"]
@@ -54,26 +52,24 @@ def content() -> tuple[list[Any], list[Any]]:
     return [angle for angle, _ in filter(None, angles)], [f for f, _ in filter(None, forces)]
 
 
-def stamps_of(messages: list[Any]) -> list[int]:
+def stamps_of(messages):
     return [message.stamp for message in messages]
 
 
-def angles_of(messages: list[Any]) -> np.ndarray:
+def angles_of(messages):
     """Angles of the knee [deg]."""
     return np.degrees([message.position[0] for message in messages])
 
 
-def loads_of(messages: list[Any]) -> np.ndarray:
+def loads_of(messages):
     return np.array([-message.force[1] for message in messages])
 
 
-def in_a_line(text: str) -> str:
+def in_a_line(text):
     return " ".join(text.split())
 
 
-def test_columns_become_the_messages_that_the_node_reads(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_columns_become_the_messages_that_the_node_reads(importing, capsys):
     table = cells()
     assert importing(table) == 0
     assert "goniometer_deg of cells.csv" in capsys.readouterr().out
@@ -99,9 +95,7 @@ def test_columns_become_the_messages_that_the_node_reads(
         ("deg}", "deg, sign: -1, offset: 180}", lambda f: f, lambda a: 180.0 - a),
     ],
 )
-def test_units_and_offsets_of_sensors(
-    importing: Importing, before: str, after: str, of_load: Any, of_angle: Any
-) -> None:
+def test_units_and_offsets_of_sensors(importing, before, after, of_load, of_angle):
     table = cells()
     total, angle = load(table["time_s"]), table["goniometer_deg"]
     table |= dict.fromkeys(("pm_n", "al_n", "pl_n"), 0.0 * total)
@@ -112,14 +106,14 @@ def test_units_and_offsets_of_sensors(
     np.testing.assert_allclose(angles_of(angles), angle, atol=6e-6)
 
 
-def rows(cell: str = "{:.2f},{:.3f},{:.2f}", decimal: str = ".") -> str:
+def rows(cell="{:.2f},{:.3f},{:.2f}", decimal="."):
     """Three seconds at 50 Hz: time or what counts it, angle [deg] and load [N]."""
     time = np.arange(150) / 50.0
     lines = [cell.format(*row) for row in zip(time, flexion(time), load(time), strict=True)]
     return "\n".join(lines).replace(".", decimal) + "\n"
 
 
-def clock(begin: int, text: str) -> str:
+def clock(begin, text):
     """The same with times of day from `begin` [s] on."""
     lines = rows().splitlines()
     for number, line in enumerate(lines):
@@ -138,14 +132,14 @@ SIMPLE = "time: {column: t}\nangle: {column: a, unit: deg}\nload: {column: f, un
 CELLS = "{:.2f},{:.3f},{:.2f}"
 
 
-def vicon_map(load_column: str) -> str:
+def vicon_map(load_column):
     return (
         "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
         f"load: {{column: '{load_column}', unit: N}}\n"
     )
 
 
-def columns_of(time: str, angle: str, force: str) -> str:
+def columns_of(time, angle, force):
     return (
         SIMPLE.replace("column: t", time).replace("column: a", angle).replace("column: f", force)
     )
@@ -196,7 +190,7 @@ WAYS: dict[str, tuple[str | bytes, str]] = {
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_files_of_programs_and_loggers_are_read(importing: Importing, name: str) -> None:
+def test_files_of_programs_and_loggers_are_read(importing, name):
     assert importing(*WAYS[name]) == 0
     angles, forces = content()
     time = np.arange(150) / 50.0
@@ -283,9 +277,7 @@ TWO_FILES = {
 
 
 @pytest.mark.parametrize("name", [*ONE_FILE, *TWO_FILES])
-def test_tables_that_could_be_misread_are_refused(
-    importing: Importing, capsys: Capture, name: str
-) -> None:
+def test_tables_that_could_be_misread_are_refused(importing, capsys, name):
     if name in ONE_FILE:
         made, text, words = ONE_FILE[name]
         assert importing(made, text) == 2
@@ -296,9 +288,7 @@ def test_tables_that_could_be_misread_are_refused(
     assert words in capsys.readouterr().err
 
 
-def test_units_may_be_spelt_differently_or_converted_and_unknown_ones_are_noted(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_units_may_be_spelt_differently_or_converted_and_unknown_ones_are_noted(importing, capsys):
     kilo = rows("{0:.2f},{1:.3f},{2:.2f},0.010").replace("\n", ",N/A\n")
     text = SIMPLE.replace(" t}", " T}") + "moment: {columns: {m: 980}, unit: N.M}\n"
     assert importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}", text) == 0
@@ -321,9 +311,7 @@ DATED = "2026-03-0{}T" + HMS.replace("{", "{{").replace("}", "}}")
         (clock(86_399, HMS), "\n".join(clock(86_399, HMS).splitlines()[60:])),
     ],
 )
-def test_files_of_one_trial_may_begin_on_two_days(
-    importing: Importing, angles: str, forces: str
-) -> None:
+def test_files_of_one_trial_may_begin_on_two_days(importing, angles, forces):
     """By their dates and zones, or without any within a day."""
     Path("other.csv").write_text("t,x,f\n" + forces)
     assert importing("t,a,x\n" + angles, SIMPLE, files=("cells.csv", "other.csv")) == 0
@@ -334,8 +322,8 @@ def test_files_of_one_trial_may_begin_on_two_days(
 
 
 def test_an_insole_and_an_encoder_make_the_bag_that_estimate_load_takes(
-    importing: Importing,
-) -> None:
+    importing,
+):
     """And what an exoskeleton has beside them; a row that one channel lacks by microseconds is left out."""
     time = np.arange(151) / 50.0
     up = 700.0 * np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
@@ -380,9 +368,7 @@ side: left
     assert main(["solve", "loads.mcap", "--output=answers.mcap"]) == 0
 
 
-def test_a_locohub_table_is_imported_by_the_shipped_map(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_a_locohub_table_is_imported_by_the_shipped_map(importing, capsys):
     """One of its recordings, in body weights; without saying which, time goes back."""
     pd = pytest.importorskip("pandas", reason="needs the extra tables")
     pytest.importorskip("pyarrow", reason="needs the extra tables")
@@ -411,7 +397,7 @@ def test_a_locohub_table_is_imported_by_the_shipped_map(
     assert "largest 799.7 N (1.00 BW)" in in_a_line(said.out)
 
 
-def test_how_parquet_files_are_written(importing: Importing, capsys: Capture) -> None:
+def test_how_parquet_files_are_written(importing, capsys):
     """Time as an index, and recordings chosen by the text of whatever their columns hold."""
     pd = pytest.importorskip("pandas", reason="needs the extra tables")
     pytest.importorskip("pyarrow", reason="needs the extra tables")
@@ -420,7 +406,7 @@ def test_how_parquet_files_are_written(importing: Importing, capsys: Capture) ->
     frames = [pd.DataFrame(one | {"text": str(n), "whole": n, "real": float(n)}) for n in (1, 2)]
     pd.concat(frames).set_index("t").to_parquet(file)
 
-    def choose(choice: str) -> int:
+    def choose(choice):
         text = f"{SIMPLE}table: {{rows: {{{choice}}}}}\n"
         return importing(None, text, "--overwrite", files=[file])
 
@@ -435,9 +421,7 @@ def test_how_parquet_files_are_written(importing: Importing, capsys: Capture) ->
     assert "cannot read x.parquet: " in capsys.readouterr().err
 
 
-def test_without_a_body_weight_a_strange_load_is_a_warning(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_without_a_body_weight_a_strange_load_is_a_warning(importing, capsys):
     for times in (0.14, 6.0):
         text = MAP.replace("body_weight: 700.0\n", "")
         text = text.replace("unit: N", f"unit: N\n  scale: {times}")
@@ -446,7 +430,7 @@ def test_without_a_body_weight_a_strange_load_is_a_warning(
         assert "plausible is 400 to 8000: percent of body weight" in said
 
 
-def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
+def test_files_of_one_trial_make_one_bag(importing):
     """Motion in one, the cells in the other; both have a column time_s."""
     moved = write_csv(Path("motion.csv"), motion())
     text = MAP.replace("goniometer_deg, unit: deg", "knee_flexion_deg, unit: deg, sign: -1")
@@ -458,7 +442,7 @@ def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
     assert forces[0].stamp == 8_333_000  # the first with an angle before it
 
 
-def test_weights_scale_units_direction_side_and_rate(importing: Importing) -> None:
+def test_weights_scale_units_direction_side_and_rate(importing):
     table = cells()
     total = load(table["time_s"])
     table |= {
@@ -485,7 +469,7 @@ rate: 100
     assert (forces[0].frame_id, angles[0].name) == ("tibia_l", ("left_knee",))
 
 
-def test_c3d_files_are_tables_too(importing: Importing) -> None:
+def test_c3d_files_are_tables_too(importing):
     """Points with a subject's name, from frame 100 on, and an analog channel that is ten times as fast."""
     ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
     time = np.arange(100, 250) / 50.0
@@ -510,7 +494,7 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
     assert stamps_of(forces) == np.rint(1e9 * time).astype(int).tolist()
 
 
-def test_opensim_files_are_tables_too(importing: Importing, capsys: Capture) -> None:
+def test_opensim_files_are_tables_too(importing, capsys):
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
     text = MAP.replace("{column: time_s}", "{column: time, unit: ms}")  # theirs are s
@@ -610,9 +594,7 @@ REFUSED: dict[str, tuple[Any, str, str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_damaged_or_mislabelled_files_are_refused(
-    importing: Importing, capsys: Capture, name: str
-) -> None:
+def test_damaged_or_mislabelled_files_are_refused(importing, capsys, name):
     made, text, words = REFUSED[name]
     assert (text != MAP) == (" > " in name)
     assert importing(made, text) == 2
@@ -622,9 +604,7 @@ def test_damaged_or_mislabelled_files_are_refused(
     assert {path.name for path in Path().iterdir()} == {"cells.csv", "map.yaml"}
 
 
-def test_likely_mistakes_are_imported_only_if_the_user_insists(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_likely_mistakes_are_imported_only_if_the_user_insists(importing, capsys):
     assert importing(SPOILT["pounds given as newtons"][0](cells()), MAP, "--anyway") == 0
     assert re.search(r"warning: .* the peak of 3\d\d", in_a_line(capsys.readouterr().err))
     assert "In lbf" in origin(Path("bag"))["doubts"]
@@ -632,9 +612,7 @@ def test_likely_mistakes_are_imported_only_if_the_user_insists(
     assert importing(cells(), impossible, "--anyway", "--overwrite") == 2
 
 
-def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(importing, capsys):
     table = cells()
     hole = (table["time_s"] > 2.0) & (table["time_s"] < 2.5)
     table["goniometer_deg"] = np.where(hole, np.nan, table["goniometer_deg"])
@@ -646,9 +624,7 @@ def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
         assert tuple(map(len, content())) == (720 - 59, number)
 
 
-def test_in_gaps_of_other_channels_nothing_is_made_up(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_in_gaps_of_other_channels_nothing_is_made_up(importing, capsys):
     """Load and angle have no gap, the moment one of a second, and the hip another."""
     time = np.arange(150) / 50.0
     hip, moment = ((time <= gap) | (time >= gap + 1.0) for gap in (1.0, 1.5))
@@ -671,15 +647,13 @@ def test_in_gaps_of_other_channels_nothing_is_made_up(
 
 
 @pytest.mark.parametrize(("again", "told"), [(1, "1 row"), (2, "2 rows")])
-def test_rows_with_the_time_of_the_next_are_dropped_and_counted(
-    again: int, told: str, importing: Importing, capsys: Capture
-) -> None:
+def test_rows_with_the_time_of_the_next_are_dropped_and_counted(again, told, importing, capsys):
     rows = np.sort(np.append(np.arange(len(cells()["goniometer_deg"])), [10, 20][:again]))
     assert importing({name: values[rows] for name, values in cells().items()}) == 0
     assert f"{told} dropped: the next has the same time" in in_a_line(capsys.readouterr().out)
 
 
-def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: Capture) -> None:
+def test_behind_a_gap_a_knee_may_be_anywhere(importing, capsys):
     gap = slice(545, 574)  # a quarter of a second
     without = {name: np.delete(values, gap) for name, values in cells().items()}
     assert np.abs(np.diff(without["goniometer_deg"])).max() > 30.0
@@ -687,7 +661,7 @@ def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: Captu
     assert "angle: 1 gap longer than 0.1 s" in capsys.readouterr().out
 
 
-def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: Capture) -> None:
+def test_the_body_weight_goes_with_the_bag(importing, capsys):
     """And wins over the default, not over one that the user gives."""
     assert importing(cells(), MAP.replace("700.0", "560.0")) == 0
     peak = 0.5 * load(cells()["time_s"]).max()
@@ -702,9 +676,7 @@ def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: Capture
         assert ("560 N, as bag was imported with" in said.out) != bool(given)
 
 
-def test_the_body_weight_goes_through_an_estimate_and_a_sweep(
-    importing: Importing, capsys: Capture
-) -> None:
+def test_the_body_weight_goes_through_an_estimate_and_a_sweep(importing, capsys):
     """The load node's mass, then the contact node's weight: 560 N is 57.10 kg."""
     time = np.arange(150) / 50.0
     up = 560.0 * np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
@@ -726,7 +698,7 @@ def test_the_body_weight_goes_through_an_estimate_and_a_sweep(
     assert swept.outcomes.peak_force.tolist() == given.outcomes.peak_force.tolist()
 
 
-def test_columns_in_two_files_are_asked_for(importing: Importing, capsys: Capture) -> None:
+def test_columns_in_two_files_are_asked_for(importing, capsys):
     both = [write_csv(Path(f"{name}.csv"), cells()) for name in ("a", "b")]
     assert importing(files=both) == 2
     said = "a.csv and b.csv both have goniometer_deg; say which with angle.file"

@@ -1,9 +1,5 @@
 """Tables: whatever a file holds, there are columns or one line that says what is wrong."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,7 +7,6 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.lab.headers import TableFormat, header_of
 from knee_contact_ros.lab.tables import (
-    Table,
     TimeColumn,
     read_columns,
     read_storage,
@@ -42,7 +37,7 @@ PIECES = [
 ]
 
 
-def columns_of(path: Path, names: list[str], time: str = "time", decimal: str = "auto") -> Table:
+def columns_of(path, names, time="time", decimal="auto"):
     """Columns of a text table over time."""
     form = TableFormat(decimal=decimal)
     return read_columns(
@@ -50,7 +45,7 @@ def columns_of(path: Path, names: list[str], time: str = "time", decimal: str = 
     )
 
 
-def test_of_rows_at_one_time_the_last_counts(tmp_path: Path) -> None:
+def test_of_rows_at_one_time_the_last_counts(tmp_path):
     # RRA's last two rows are 3e-14 s apart, the reactions' ones not at all: one nanosecond holds both.
     time = np.array([0.0, 0.1, 0.1, 0.2, 0.2 + 2.7e-14])
     table = read_storage(write_storage(tmp_path / "q.sto", time, {"a": np.arange(5.0)}))
@@ -59,7 +54,7 @@ def test_of_rows_at_one_time_the_last_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stray", ["time\nheader\n", "time\nendheader\n"])
-def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path: Path, stray: str) -> None:
+def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path, stray):
     path = write_storage(tmp_path / "states.sto", TIME, {"/a/value": VALUES}, "no")
     names_and_rows = path.read_text().split("endheader\n")[1]
     path.write_text(
@@ -91,9 +86,7 @@ def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path: Path, stray:
         (None, None, "No such file"),
     ],
 )
-def test_other_files_are_no_storage_files(
-    tmp_path: Path, old: str | None, new: str | None, says: str
-) -> None:
+def test_other_files_are_no_storage_files(tmp_path, old, new, says):
     path = write_storage(tmp_path / "bad.sto", TIME, {"a": VALUES, "b": VALUES})
     if new is None:
         path.unlink()
@@ -125,9 +118,7 @@ def test_other_files_are_no_storage_files(
         ],
     ],
 )
-def test_the_ways_in_which_storage_files_are_written(
-    tmp_path: Path, names: str, rows: str
-) -> None:
+def test_the_ways_in_which_storage_files_are_written(tmp_path, names, rows):
     """Also what is not a number in a column that is not asked for."""
     path = tmp_path / "q.mot"
     path.write_text(f"Coordinates\nversion=1\ninDegrees=yes\nendheader\n{names}\n{rows}\n")
@@ -149,9 +140,7 @@ SWAP = str.maketrans(",.", ".,")
         (",", ".", [row.translate(SWAP).replace(";", '","').join('""') for row in DIGITS]),
     ],
 )
-def test_thousands_marks_are_read_where_the_decimal_mark_is_stated(
-    tmp_path: Path, mark: str, decimal: str, rows: list[str]
-) -> None:
+def test_thousands_marks_are_read_where_the_decimal_mark_is_stated(tmp_path, mark, decimal, rows):
     path = tmp_path / "a.csv"
     path.write_text("\n".join([mark.join(("time", "angle", "load")), *rows]) + "\n")
     table = columns_of(path, ["angle", "load"], decimal=decimal)
@@ -169,9 +158,7 @@ def test_thousands_marks_are_read_where_the_decimal_mark_is_stated(
         max_size=4,
     )
 )
-def test_damage_ends_in_numbers_or_in_one_line(
-    tmp_path: Path, damage: list[tuple[bytes, float, int]]
-) -> None:
+def test_damage_ends_in_numbers_or_in_one_line(tmp_path, damage):
     path = write_csv(
         tmp_path / "cells.csv", {name: column[:20] for name, column in cells().items()}
     )
@@ -224,9 +211,7 @@ def test_damage_ends_in_numbers_or_in_one_line(
         ),
     ],
 )
-def test_a_cell_with_a_mark_of_two_meanings_is_named(
-    tmp_path: Path, rows: list[str], decimal: str, says: str
-) -> None:
+def test_a_cell_with_a_mark_of_two_meanings_is_named(tmp_path, rows, decimal, says):
     path, mark = tmp_path / "a.csv", next(mark for mark in ";\t," if mark in rows[0])
     path.write_text("\n".join([mark.join(("time", "angle", "load")), *rows]) + "\n")
     with pytest.raises(UsageError, match=says):
@@ -234,7 +219,7 @@ def test_a_cell_with_a_mark_of_two_meanings_is_named(
 
 
 @pytest.mark.parametrize("text", ["1_000", "0x10", "1,2,3", "١٢x"])
-def test_a_cell_without_a_number_is_named_with_its_line(tmp_path: Path, text: str) -> None:
+def test_a_cell_without_a_number_is_named_with_its_line(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_text(f"time;x\n0;1\n1;{text}\n", encoding="utf-8")
     with pytest.raises(UsageError, match=r"line 3, column x: .* is not a number"):

@@ -1,10 +1,7 @@
 """`knee-contact trade`: errors and costs of a bag at all settings, and what it recommends."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,14 +18,13 @@ from knee_contact_ros.lab.trade import (
     measure,
 )
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.results import Results
 from tests.helpers.commands import run
 from tests.offline.test_solve import make_bag
 
 pytest.importorskip("matplotlib", reason="needs the extra trade")
 
 
-def of(found: Trade, level: str, tolerance: float) -> Setting:
+def of(found, level, tolerance):
     (setting,) = (
         each for each in found.settings if (each.level, each.tolerance) == (level, tolerance)
     )
@@ -36,22 +32,22 @@ def of(found: Trade, level: str, tolerance: float) -> Setting:
 
 
 @pytest.fixture(scope="module")
-def arthritic(right_bag: Path) -> Results:
+def arthritic(right_bag):
     return solve(right_bag, ["osteoarthritis", "mri_knee"])
 
 
 @pytest.fixture(scope="module")
-def found(arthritic: Results) -> Trade:
+def found(arthritic):
     return measure(arthritic)
 
 
-def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Results) -> None:
+def test_errors_are_those_against_the_tightest_run(found, arthritic):
     assert [(each.level, each.tolerance) for each in found.settings] == [
         (n, t) for n in MEASURED_LEVELS for t in TOLERANCES
     ]
     assert found.ticks == len(arthritic)
 
-    def run(level: str, tolerance: float) -> Results:
+    def run(level, tolerance):
         model = load_model(["osteoarthritis", "mri_knee", {"fidelity.level": level}])
         return replace(model, tolerance=tolerance).run(
             arthritic.time, arthritic.flexion_angle, arthritic.load
@@ -84,9 +80,7 @@ def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Resu
         measure(unknown)
 
 
-def setting(
-    level: str, tolerance: float, depth: float, flagged: float, evaluations: float
-) -> Setting:
+def setting(level, tolerance, depth, flagged, evaluations):
     return Setting(level, tolerance, depth, 0.0, 0.0, flagged, evaluations, 1.0)
 
 
@@ -117,15 +111,13 @@ STATIC, DYNAMIC = (
         "too large an error",
     ],
 )
-def test_the_cheapest_setting_that_is_good_enough_is_recommended(
-    settings: list[Setting], level: str, tolerance: str
-) -> None:
+def test_the_cheapest_setting_that_is_good_enough_is_recommended(settings, level, tolerance):
     said = advice(Trade(settings, 100, 2e-5, 1e-12))
     assert f"fidelity.level {level} with fidelity.tolerance {tolerance}: " in said
     assert advice(Trade(settings, 100, 1e-10, 1e-12)).startswith("No setting flags")
 
 
-def test_both_compartments_count_and_a_reset_begins_anew(right_bag: Path) -> None:
+def test_both_compartments_count_and_a_reset_begins_anew(right_bag):
     both = solve(right_bag, "both_compartments")
     assert measure(both, 1e-6).ticks == 2 * len(both)
     again = solve(right_bag)
@@ -136,7 +128,7 @@ def test_both_compartments_count_and_a_reset_begins_anew(right_bag: Path) -> Non
     assert (one.depth, one.evaluations) == (two.depth, two.evaluations)
 
 
-def test_heights_that_are_prescribed_are_taken_from_the_answers() -> None:
+def test_heights_that_are_prescribed_are_taken_from_the_answers():
     model = load_model({"drive": "displacement"})
     time = 1e-2 * np.arange(50)
     series = model.run(time, 0.1 + time, 0.0 * time, 0.034 - 1e-3 * np.sin(9.0 * time))
@@ -145,9 +137,7 @@ def test_heights_that_are_prescribed_are_taken_from_the_answers() -> None:
     assert advice(found).startswith("Every setting gives the same")
 
 
-def test_the_command_prints_a_table_and_a_sentence_and_draws(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_prints_a_table_and_a_sentence_and_draws(right_bag, tmp_path, capsys):
     picture = tmp_path / "trade.png"
     options = f"-p femur.mass:=5.0 --worth 1e-4 --picture {picture}"
     assert run(f"trade {right_bag} {options}") == 0
@@ -165,12 +155,12 @@ def test_the_command_prints_a_table_and_a_sentence_and_draws(
 
 
 def test_doubts_come_before_the_advice_and_damage_ends_with_1(
-    right_bag: Path,
-    sensors_bag: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    right_bag,
+    sensors_bag,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     bag = tmp_path / "cut.mcap"
     picture = f"--picture {tmp_path}/trade.png"
     with monkeypatch.context() as patched:

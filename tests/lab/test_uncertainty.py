@@ -1,10 +1,7 @@
 """Standard deviations as they are given, a recording that is answered again, and intervals against closed forms."""
 
-from __future__ import annotations
-
 import math
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +12,6 @@ from knee_contact_ros import UsageError
 from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.lab.uncertainty import (
     Deviation,
-    Propagated,
     coverage_factor,
     deviations_of,
     read_uncertain_gait,
@@ -39,7 +35,7 @@ SHORT = 60
 """Ticks: plain Python computes them"""
 
 
-def test_numbers_and_percents(tmp_path: Path) -> None:
+def test_numbers_and_percents(tmp_path):
     path = tmp_path / "sd.yaml"
     path.write_text(
         "flexion_angle: 0.02\naxial_load: 5 %\ncontact:\n  stiffness: 10%\n  damping: 20\n"
@@ -123,23 +119,21 @@ def test_numbers_and_percents(tmp_path: Path) -> None:
         (DISPLACED, "axial_load", 10.0, "axial_load is not allowed; with drive displacement"),
     ],
 )
-def test_wrong_deviations_are_refused_in_a_line(
-    params: dict[str, Any], name: str, size: Any, said: str
-) -> None:
+def test_wrong_deviations_are_refused_in_a_line(params, name, size, said):
     with pytest.raises(UsageError, match=f"^uncertainty: .*{re.escape(said)}"):
         deviations_of({name: size}, load_parameters(params))
 
 
 @pytest.fixture(scope="module")
-def short_bag(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def short_bag(right_bag, tmp_path_factory):
     return write_rosbag2(
         tmp_path_factory.mktemp("short") / "bag", raw_messages(right_bag)[: 2 * SHORT]
     )
 
 
 def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_arguments(
-    short_bag: Path, tmp_path: Path
-) -> None:
+    short_bag, tmp_path
+):
     solve(short_bag, load_parameters("mri_femur"), tmp_path / "out.mcap")
     provenance = read_provenance(tmp_path / "out.mcap")
     assert provenance is not None
@@ -160,12 +154,12 @@ def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_argume
 
 
 @pytest.fixture(scope="module")
-def resting(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def resting(tmp_path_factory):
     rows = [(i * 10_000_000, 0.3, LOAD) for i in range(5)]
     return make_bag(tmp_path_factory.mktemp("resting") / "in.mcap", rows)
 
 
-def of(bag: Path, deviations: dict[str, Any], **values: Any) -> Propagated:
+def of(bag, deviations, **values):
     return knee_contact_ros.uncertainty(
         bag, {**AT_REST, **values}, deviations, compiled=False
     ).medial
@@ -185,9 +179,7 @@ RADIUS = 1.0 / (1.0 / 0.034 - 1.0 / 0.095)
         ("contact.femoral_radius", 1e-4, 0.0, 1e-4 * RADIUS / 2.0 / 0.034**2),
     ],
 )
-def test_the_depth_at_rest_goes_with_a_power(
-    name: str, size: Any, force: float, stiffness: float, resting: Path
-) -> None:
+def test_the_depth_at_rest_goes_with_a_power(name, size, force, stiffness, resting):
     """δ = (F/K)^(1/n), so that dδ/δ = (dF/F - dK/K)/n; secants over ±1 % differ from that by some 1e-4, being cubic.
 
     Of materials, K ~ √R, 1/R = 1/r_F - 1/r_T: dK/K = dR/(2R) = R/(2 r_F²) dr_F.
@@ -205,9 +197,7 @@ def test_the_depth_at_rest_goes_with_a_power(
     assert found.depth == pytest.approx(np.abs(depths), rel=1e-15)
 
 
-def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(
-    resting: Path, tmp_path: Path
-) -> None:
+def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(resting, tmp_path):
     found = of(resting, {"axial_load": "3 %", "contact.stiffness": "4 %", "femur.radius": 1e-3})
     depths = np.array([depth for depth, _ in found.parts.values()])
     assert (depths[2] == 0.0).all()  # a circle on a level plane is as deep with any radius
@@ -230,7 +220,7 @@ def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(
             found.depth_interval(level)
 
 
-def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
+def test_at_the_end_of_a_range_one_side_is_taken(resting):
     ((depth, force),) = of(resting, {"load.share": 0.01}, **{"load.share": 1.0}).parts.values()
     assert force == pytest.approx(
         0.01 * LOAD, rel=1e-9
@@ -242,7 +232,7 @@ def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
         of(resting, {"load.share": 0.6}, **{"load.share": 0.6})
 
 
-def test_compartments_have_their_own_loads_and_follow_unless_they_are_named(resting: Path) -> None:
+def test_compartments_have_their_own_loads_and_follow_unless_they_are_named(resting):
     both = {**AT_REST, "load.compartment": "both"}
     shared = knee_contact_ros.uncertainty(resting, both, {"medial_share": 0.01}, compiled=False)
     assert shared.lateral is not None

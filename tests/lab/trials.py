@@ -1,11 +1,5 @@
 """A made-up trial as a laboratory would have it: cells of a tray in one file, motion capture in another."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,19 +19,19 @@ body_weight: 700.0
 """
 
 
-def flexion(time: Floats) -> Floats:
+def flexion(time):
     """Of a walking knee [deg], in strides that differ a little."""
     phase = 2.0 * np.pi * (time / 1.1 + 0.02 * np.sin(1.3 * time))
     return 25.0 - 22.0 * np.cos(phase) - 9.0 * np.cos(2.0 * phase - 0.9)
 
 
-def load(time: Floats) -> Floats:
+def load(time):
     """Of a walking knee [N]."""
     phase = 2.0 * np.pi * time / 1.1
     return 1100.0 + 600.0 * np.sin(phase) + 250.0 * np.cos(2.0 * phase)
 
 
-def cells(noise: float = 0.0, seed: int = 1) -> dict[str, Floats]:
+def cells(noise=0.0, seed=1):
     """The tray's file: times, four cells and the goniometer, with noise [deg]."""
     time = np.arange(round(SECONDS * RATE)) / RATE
     parts = {"pm_n": 0.4, "am_n": 0.2, "al_n": 0.1, "pl_n": 0.3}
@@ -51,15 +45,13 @@ def cells(noise: float = 0.0, seed: int = 1) -> dict[str, Floats]:
     }
 
 
-def motion() -> dict[str, Floats]:
+def motion():
     """Motion capture, with flexion negative and other times."""
     time = np.arange(round(SECONDS * 100.0)) / 100.0 + 0.003
     return {"time_s": time, "knee_flexion_deg": -flexion(time)}
 
 
-def write_csv(
-    path: Path, columns: Mapping[str, Any], delimiter: str = ",", decimal: str = ".", top: str = ""
-) -> Path:
+def write_csv(path, columns, delimiter=",", decimal=".", top=""):
     """A table with its names on top."""
     rows = [delimiter.join(columns)]
     rows += [
@@ -72,7 +64,7 @@ def write_csv(
     return path
 
 
-def write_trial(folder: Path, noise: float = 0.0) -> tuple[Path, Path, Path]:
+def write_trial(folder, noise=0.0):
     """Both files and the map."""
     (folder / "map.yaml").write_text(MAP, encoding="utf-8")
     return (

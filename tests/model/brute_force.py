@@ -1,7 +1,5 @@
 """Contacts by brute force: dense points of both surfaces, finer ones around the best; nothing here is the model's."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -21,18 +19,18 @@ Distance = Callable[..., tuple[Points, Points]]
 """Signed distance [m] of points of shape (n, 2), and the nearest tibial points, shape (n, 2) [m]"""
 
 
-def above_plane(slope: float) -> Distance:
+def above_plane(slope):
     normal = np.array([-math.sin(slope), math.cos(slope)])
 
-    def distance(points: Points, exact: bool = True) -> tuple[Points, Points]:
+    def distance(points, exact=True):
         above = points @ normal
         return above, points - above[:, None] * normal
 
     return distance
 
 
-def in_cup(radius: float) -> Distance:
-    def distance(points: Points, exact: bool = True) -> tuple[Points, Points]:
+def in_cup(radius):
+    def distance(points, exact=True):
         lean = np.arctan2(points[:, 0], radius - points[:, 1])
         lean = np.clip(lean, -math.pi / 3.0, math.pi / 3.0)  # beyond, the end's tangent goes on
         along = np.where(np.abs(lean) == math.pi / 3.0, 1.0, 0.0)
@@ -47,14 +45,14 @@ def in_cup(radius: float) -> Distance:
     return distance
 
 
-def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
+def on_plateau(x, y, reach=0.12):
     spline = CubicSpline(x, y)
     edges = (-reach, x[0], x[-1], reach)
     dense = np.concatenate(
         [np.arange(begin, end, DENSE) for begin, end in itertools.pairwise(edges)]
     )
 
-    def height(place: Points, order: int = 0) -> Points:
+    def height(place, order=0):
         inside = np.clip(place, x[0], x[-1])
         if order:
             return spline(inside, order) * ((inside == place) if order > 1 else 1.0)
@@ -68,14 +66,14 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
     ]
     trees = [(cKDTree(points[group]), dense[group]) for group in groups]
 
-    def zoomed(points: Points, place: Points) -> Points:
+    def zoomed(points, place):
         for width in DENSE * (1.5 / ZOOM) ** np.arange(ROUNDS):
             near = place[:, None] + np.linspace(-width, width, 2 * ZOOM + 1)
             at = np.hypot(near - points[:, :1], height(near) - points[:, 1:]).argmin(axis=1)
             place = near[np.arange(len(place)), at]
         return place
 
-    def distance(points: Points, exact: bool = True) -> tuple[Points, Points]:
+    def distance(points, exact=True):
         best, best_foot = np.full(len(points), np.inf), np.zeros_like(points)
         for tree, places in trees if exact else trees[:1]:
             start = places[tree.query(points)[1]]
@@ -101,14 +99,14 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
 class Femur:
     """A circle of a radius [m], or a spline over the chord length through points [m]."""
 
-    def __init__(self, *given: Points) -> None:
+    def __init__(self, *given):
         self.radius = float(given[0]) if len(given) == 1 else 0.0
         if len(given) == 2:
             points = np.stack(given)
             chords = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points)))])
             self.spline, self.length = CubicSpline(chords, points, axis=1), float(chords[-1])
 
-    def places(self, s: Points, pose: Points) -> Points:
+    def places(self, s, pose):
         """Points of the curve at `s` [m], shape (n, k), in poses (angle, x, height), shape (n, 3)."""
         px, py = self.spline(np.clip(s, 0.0, self.length))
         (sine, cosine), (x, y) = (
@@ -118,7 +116,7 @@ class Femur:
         return np.stack([x + cosine * px - sine * py, y + sine * px + cosine * py], axis=2)
 
 
-def deepest(femur: Femur, distance: Distance, poses: Points) -> tuple[Points, Points]:
+def deepest(femur, distance, poses):
     """Signed depth [m], shape (n,), and tibial point [m], shape (n, 2), in poses (angle, x, height), shape (n, 3)."""
     if femur.radius:
         away, foot = distance(poses[:, 1:])
@@ -126,7 +124,7 @@ def deepest(femur: Femur, distance: Distance, poses: Points) -> tuple[Points, Po
     s = np.linspace(0.0, femur.length, math.ceil(femur.length / COARSE))
     fine = np.linspace(-1.0, 1.0, 2 * math.ceil(s[1] / FINE) + 1) * s[1]
 
-    def over(some: Points, s: Points, exact: bool = False) -> tuple[Points, Points]:
+    def over(some, s, exact=False):
         found, foot = distance(femur.places(s, poses[some]).reshape(-1, 2), exact)
         return found.reshape(s.shape), foot.reshape(*s.shape, 2)
 

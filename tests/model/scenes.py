@@ -1,16 +1,12 @@
 """Surfaces and motions that tests of several modules build knees of."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from knee_contact_ros.model import run_state
-from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import translation_table
 from knee_contact_ros.model.profiles import Circle, Profile
@@ -29,9 +25,7 @@ TO_AND_FRO = translation_table([0.0, 0.5, 1.0], [0.0, 0.01, -0.01])
 
 
 @cache
-def ellipse(
-    points: int, a: float = 0.034, b: float = 0.028, noise: float = 0.0, seed: int = 2
-) -> Profile:
+def ellipse(points, a=0.034, b=0.028, noise=0.0, seed=2):
     """The lower part of an ellipse, from posterior over inferior to anterior, with radial noise [m]: dents."""
     t = np.linspace(-np.pi - 0.9, 0.9, points)
     radial = np.random.default_rng(seed).normal(0.0, 1.0, points) * noise
@@ -39,7 +33,7 @@ def ellipse(
 
 
 @cache
-def plateau(points: int = 45) -> Plateau:
+def plateau(points=45):
     """A cup of radius 45 mm in the middle that rolls off at both edges, like a measured one."""
     x = np.linspace(-0.022, 0.022, points)
     return Plateau(x, 0.5 * x * x / 0.045 - 0.004 * (x / 0.022) ** 6 + 0.1 * x)
@@ -63,16 +57,16 @@ LAWS_ON_PAIRS = [
 
 
 def thrown(
-    knee: KneeModel,
-    depth: float,
-    rate: float,
-    duration: float,
-    load: float = 0.0,
-    end_load: float | None = None,
-    turn: tuple[float, float] = (0.0, 0.0),
-    parts: int = 1,
-    **state: float,
-) -> Contact:
+    knee,
+    depth,
+    rate,
+    duration,
+    load=0.0,
+    end_load=None,
+    turn=(0.0, 0.0),
+    parts=1,
+    **state,
+):
     """The answer to one tick, cut into parts, that a femur begins at a depth [m] and its rate at a held angle [m/s].
 
     `turn` are the angles [rad] and `load` to `end_load` the loads [N] of the tick. `state` has other entries of the
@@ -102,12 +96,12 @@ def thrown(
     return contact
 
 
-def signed(answers: Any) -> Any:
+def signed(answers):
     """The signed depth [m] of answers, < 0 apart."""
     return answers["penetration_depth"] - answers["gap"]
 
 
-def walking(count: int = 161, tick: float = 5e-3) -> Series:
+def walking(count=161, tick=5e-3):
     """Two humps of load over a stance, as in gait, and the knee bends meanwhile."""
     time = tick * np.arange(count)
     phase = math.tau * time / 0.8
@@ -118,13 +112,13 @@ def walking(count: int = 161, tick: float = 5e-3) -> Series:
     )
 
 
-def hopping(count: int = 161, tick: float = 2e-3) -> Series:
+def hopping(count=161, tick=2e-3):
     """Let go of twice, for 2 cm each time at most, and landed on."""
     time = tick * np.arange(count)
     return time, 0.4 + 0.2 * np.sin(8.0 * time), 400.0 + 500.0 * np.cos(math.tau * time / 0.16)
 
 
-def stepping(count: int = 121, tick: float = 5e-3) -> Series:
+def stepping(count=121, tick=5e-3):
     """Loads that jump from one tick to the next and are held."""
     time = tick * np.arange(count)
     return (
@@ -134,6 +128,6 @@ def stepping(count: int = 121, tick: float = 5e-3) -> Series:
     )
 
 
-def fast(knee: KneeModel) -> KneeModel:
+def fast(knee):
     """The same knee, compiled: the same bits."""
     return replace(knee, compiled=True)

@@ -1,7 +1,5 @@
 """The displacement drive: the height is prescribed, and the force follows from the law."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.statics import height_at
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
@@ -24,30 +21,30 @@ NONE = np.zeros_like(TIME)
 """x [m] by the mechanism `FORWARDS`"""
 
 
-def led(name: str = "kelvin_voigt", **changes: object) -> KneeModel:
+def led(name="kelvin_voigt", **changes):
     """A knee at a prescribed height: fields of the model, and constants of its law."""
     constants = {key: changes.pop(key) for key in ("least_impact_speed",) if key in changes}
     return replace(model(law(name, **constants)), height_prescribed=True, **changes)  # type: ignore[arg-type]
 
 
-def pressed(depth: np.ndarray) -> np.ndarray:
+def pressed(depth):
     """Heights of a circular femur at a depth."""
     return RADIUS - depth
 
 
-def rates(values: np.ndarray) -> np.ndarray:
+def rates(values):
     """Rates of what is linear between the ticks."""
     return np.diff(values) / np.diff(TIME)
 
 
-def kelvin_voigt(depth: np.ndarray, rate: np.ndarray) -> np.ndarray:
+def kelvin_voigt(depth, rate):
     """Force [N] of the law that does not pull."""
     force = STIFFNESS * np.maximum(depth, 0.0) ** 1.5 + DAMPING * rate
     return np.where(depth > 0.0, np.maximum(force, 0.0), 0.0)
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_held_still_the_force_is_the_static_one(name: str) -> None:
+def test_held_still_the_force_is_the_static_one(name):
     series = led(name).run(TIME, NONE, NONE, pressed(np.full_like(TIME, 6e-4)))
     # Rounding of the height (4e-18 m) times the steepest slope (2e8 N/m), and of the power.
     assert series.contact_force == pytest.approx(law(name).static_force(6e-4), rel=1e-9)
@@ -57,7 +54,7 @@ def test_held_still_the_force_is_the_static_one(name: str) -> None:
     assert (series.evaluations[1:] == 2).all()  # of the law, and a probe of the beginning
 
 
-def test_depth_and_rate_are_those_prescribed() -> None:
+def test_depth_and_rate_are_those_prescribed():
     depth = 3e-4 + 4e-4 * np.sin(47.0 * TIME)
     series = led().run(TIME, NONE, 700.0 + NONE, pressed(depth))
     assert signed(series) == pytest.approx(depth, abs=1e-17)  # rounding of heights of 34 mm
@@ -74,7 +71,7 @@ def test_depth_and_rate_are_those_prescribed() -> None:
 
 
 @pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
-def test_the_speed_at_touch_is_remembered(name: str) -> None:
+def test_the_speed_at_touch_is_remembered(name):
     speed, knee = 0.035, led(name, least_impact_speed=1e-3)
     depth = np.minimum(
         speed * (TIME - 0.0105), 4e-4
@@ -100,7 +97,7 @@ def test_the_speed_at_touch_is_remembered(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
-def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: str) -> None:
+def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name):
     # An ellipse that turns over its plateau by 0.5 rad in one tick: its surface comes down ever more slowly.
     geometry, begin, turn, duration = ellipse(320), 0.6, 0.5, 0.02
     height = geometry.support(0.8)[0]
@@ -118,13 +115,13 @@ def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: st
     )  # h to 1e-16 m at a depth of 1 mm
 
 
-def held(knee: KneeModel, angle: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def held(knee, angle, depth):
     """Heights at which a knee has depths."""
     rows = zip(angle.tolist(), depth.tolist(), strict=True)
     return np.array([height_at(knee.constants.surfaces, *row, 0.05) for row in rows])
 
 
-def test_a_contact_that_ends_and_begins_within_a_tick_is_found() -> None:
+def test_a_contact_that_ends_and_begins_within_a_tick_is_found():
     """The same motion in 256 parts, in whose ticks hardly any contact ends and begins."""
     parts, found = 256, 0
     time = 0.0256 * np.arange(12.0)
@@ -146,7 +143,7 @@ def test_a_contact_that_ends_and_begins_within_a_tick_is_found() -> None:
     assert found > 40
 
 
-def test_a_search_that_reaches_the_budget_is_said_until_the_next_touch() -> None:
+def test_a_search_that_reaches_the_budget_is_said_until_the_next_touch():
     """A circle that skims over the plane as fast as no knee, 1 pm deep."""
     knee = led("hunt_crossley", budget=100)
     depth = np.array([1e-12, 1e-12, 1e-4, 1e-4, -1e-4, 1e-4])
@@ -164,7 +161,7 @@ def test_a_search_that_reaches_the_budget_is_said_until_the_next_touch() -> None
     ).all()
 
 
-def test_the_drives_are_not_mixed_up() -> None:
+def test_the_drives_are_not_mixed_up():
     heights, knee = pressed(3e-4 + 4e-4 * np.sin(47.0 * TIME)), led("gonthier")
     rows = zip(TIME.tolist(), NONE.tolist(), NONE.tolist(), heights.tolist(), strict=True)
     stream = knee.stream()

@@ -4,8 +4,6 @@ Impacts under the laws that remember the speed of first touch have closed forms.
 m δ̈ = -K δⁿ (1 + D w) integrates once: w/D - ln(1 + D w)/D² falls by K δⁿ⁺¹/((n + 1) m v₀²).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -13,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.steps import SINGULAR_ERROR_FACTOR
 from knee_contact_ros.model.tableaux import ESDIRK, FEHLBERG
-from knee_contact_ros.model.types import Contact, Status
+from knee_contact_ros.model.types import Status
 from studies.reference import LAWS
 from tests.helpers.scenes import LAW_ARGUMENTS, STIFFNESS, law, model
 from tests.model.scenes import LAWS_ON_PAIRS, PAIRS, fast, signed, thrown
@@ -28,12 +26,12 @@ ANGLE = 0.3 + 0.5 * np.sin(2 * np.pi * TICKS)
 LOAD = 700.0 + 400.0 * np.sin(2 * np.pi * 3.0 * TICKS)
 
 
-def impact(contact_law: ContactLaw, duration: float) -> Contact:
+def impact(contact_law, duration):
     """What has become of an impact of 1 kg without load from touch at `SPEED`."""
     return thrown(model(contact_law, TOLERANCE, mass=1.0), 0.0, SPEED, duration)
 
 
-def test_hertz_impact_has_its_depth_and_duration_and_gives_all_energy_back() -> None:
+def test_hertz_impact_has_its_depth_and_duration_and_gives_all_energy_back():
     deepest = (5 * SPEED**2 / (4 * STIFFNESS)) ** 0.4  # m = 1 kg
     # Hertz 1882: twice the integral of 1/√(1 - x^2.5) from 0 to 1, which is 2.943 (by Beta functions).
     duration = 0.8 * math.sqrt(math.pi) * math.gamma(0.4) / math.gamma(0.9) * deepest / SPEED
@@ -47,7 +45,7 @@ def test_hertz_impact_has_its_depth_and_duration_and_gives_all_energy_back() -> 
     assert 0.02 + signed(parted) / SPEED == pytest.approx(duration, rel=1e-6)
 
 
-def test_linear_kelvin_voigt_impact_is_the_damped_oscillator() -> None:
+def test_linear_kelvin_voigt_impact_is_the_damped_oscillator():
     spring, dashpot = 1e6, 400.0
     linear = law("kelvin_voigt", stiffness=spring, exponent=1.0, damping=dashpot)
     decay, t = dashpot / 2, 1e-3
@@ -71,9 +69,7 @@ def test_linear_kelvin_voigt_impact_is_the_damped_oscillator() -> None:
 
 @pytest.mark.parametrize("damping", [0.0, 2e3, 4e4])
 @pytest.mark.parametrize("duration", [1e-4, 4e-3, 0.05])
-def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(
-    damping: float, duration: float
-) -> None:
+def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(damping, duration):
     """Swinging and creeping, by explicit and by implicit steps; at rest it lies at 0.2 mm."""
     mass, spring, rest = 2.0, 4e6, 2e-4
     linear = law("kelvin_voigt", stiffness=spring, exponent=1.0, damping=damping)
@@ -91,7 +87,7 @@ def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(
 
 
 @pytest.mark.parametrize(("load", "load_rate"), [(-50.0, 0.0), (300.0, -2e4), (-20.0, 5e3)])
-def test_a_flight_is_a_parabola(load: float, load_rate: float) -> None:
+def test_a_flight_is_a_parabola(load, load_rate):
     knee, h, mass = model(law("kelvin_voigt"), mass=2.0), 0.01, 2.0
     begins = thrown(knee, -5e-2, -0.4, h, load=load)
     assert signed(begins) == pytest.approx(
@@ -110,7 +106,7 @@ def test_a_flight_is_a_parabola(load: float, load_rate: float) -> None:
     )
 
 
-def test_a_state_on_the_boundary_goes_where_it_moves() -> None:
+def test_a_state_on_the_boundary_goes_where_it_moves():
     knee = model(law("kelvin_voigt"), TOLERANCE, mass=1.0)
     assert signed(thrown(knee, 0.0, -SPEED, 1e-3)) == pytest.approx(
         -SPEED * 1e-3, rel=1e-12
@@ -121,7 +117,7 @@ def test_a_state_on_the_boundary_goes_where_it_moves() -> None:
 IMPACT_DAMPED = [name for name in CONTACT_LAWS if law(name).remembers_impact]
 
 
-def loss_of(name: str, restitution: float) -> float:
+def loss_of(name, restitution):
     """D of a law at a coefficient of restitution, from its source; test_laws.py names a law that is missing there."""
     return LAWS[name](**(LAW_ARGUMENTS[name] | {"restitution": restitution})).loss
 
@@ -146,7 +142,7 @@ IMPACTS = (
 )
 
 
-def delivered_restitution(loss: float) -> float:
+def delivered_restitution(loss):
     """Speed after over speed before the impact: the root e of (1 + e) D = ln((1 + D)/(1 - e D))."""
     end = min(1.0, (1.0 - 1e-14) / loss)
     return float(
@@ -169,7 +165,7 @@ def delivered_restitution(loss: float) -> float:
         ("gonthier", 0.488, 0.1, 0.033),
     ],
 )
-def test_the_stated_limits_of_validity(name: str, half: float, least: float, error: float) -> None:
+def test_the_stated_limits_of_validity(name, half, least, error):
     assert delivered_restitution(loss_of(name, 0.5)) == pytest.approx(
         half, abs=0.5e-3
     )  # the last digit
@@ -187,7 +183,7 @@ def test_the_stated_limits_of_validity(name: str, half: float, least: float, err
         ("gonthier", IMPACTS[1], 0.9),
     ],
 )
-def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution: float) -> None:
+def test_impacts_deliver_the_closed_forms(name, impact, restitution):
     exponent, stiffness, mass, speed = impact
     loss = loss_of(name, restitution)
     energy = mass / stiffness * speed**2 * (loss - math.log1p(loss)) / loss**2
@@ -195,7 +191,7 @@ def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution
     contact_law = law(name, stiffness=stiffness, exponent=exponent, restitution=restitution)
     knee = model(contact_law, TOLERANCE, mass=mass)
 
-    def after(contact_time: float) -> Contact:
+    def after(contact_time):
         return thrown(knee, -GAP, speed, GAP / speed + contact_time)
 
     long = 100.0 * depth / speed
@@ -209,7 +205,7 @@ def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution
     )
 
 
-def test_coefficients_satisfy_the_order_conditions() -> None:
+def test_coefficients_satisfy_the_order_conditions():
     explicit = lower(FEHLBERG.stages, 0.0)
     weights = np.array(FEHLBERG.weights)
     fifth = weights - np.array(FEHLBERG.errors)
@@ -235,7 +231,7 @@ def test_coefficients_satisfy_the_order_conditions() -> None:
         )
 
 
-def lower(rows: tuple[tuple[float, ...], ...], diagonal: float) -> np.ndarray:
+def lower(rows, diagonal):
     """The matrix of a method's stages, the diagonal of which begins with its second."""
     a = np.diag([0.0, *5 * (diagonal,)])
     for i, row in enumerate(rows, start=1):
@@ -243,7 +239,7 @@ def lower(rows: tuple[tuple[float, ...], ...], diagonal: float) -> np.ndarray:
     return a
 
 
-def residuals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
+def residuals(a, b, c):
     """What is left of the conditions of the 4th order."""
     return [
         b.sum() - 1,
@@ -258,7 +254,7 @@ def residuals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
 
 
 @pytest.mark.parametrize(("name", "kind"), LAWS_ON_PAIRS)
-def test_answers_converge_with_the_tolerance(name: str, kind: str) -> None:
+def test_answers_converge_with_the_tolerance(name, kind):
     """Errors stay within the tolerance against a run at 1e-11 m, and cost is what tells tolerances apart."""
     time = 2e-3 * np.arange(80)
     angle, load = 0.3 + 0.2 * np.sin(15.0 * time), 700.0 + 500.0 * np.sin(60.0 * time)

@@ -1,7 +1,5 @@
 """The propagated error: against the motions that it linearises."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -30,16 +28,14 @@ CONTACTS = [(4e6, 2e3), (4e6, 4e4), (0.0, 2e3), (0.0, 0.0), (8e6, 8e3), (4e6, 0.
 """Stiffness [N/m] and damping [N s/m]: swinging, creeping, without spring, free, critical, undamped, stuck"""
 
 
-def of(height: float, velocity: float) -> Error:
+def of(height, velocity):
     """An error of which all is known."""
     return Error(height, velocity, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("h", [1e-5, 2e-4, 2e-3])
 @pytest.mark.parametrize(("stiffness", "damping"), CONTACTS)
-def test_an_error_is_carried_by_the_linear_contact(
-    stiffness: float, damping: float, h: float
-) -> None:
+def test_an_error_is_carried_by_the_linear_contact(stiffness, damping, h):
     through = expm(h * np.array([[0.0, 1.0], [-stiffness / MASS, -damping / MASS]]))
     spread = np.array([[4e-14, 1e-12], [1e-12, 9e-10]])
     # rounding of the exponential's scaling
@@ -55,9 +51,7 @@ def test_an_error_is_carried_by_the_linear_contact(
 
 @pytest.mark.parametrize("rate", [0.2, -0.2])
 @pytest.mark.parametrize("jump", [50.0, -50.0])
-def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(
-    rate: float, jump: float
-) -> None:
+def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate, jump):
     # Two femora under no load, one higher by e: they meet the boundary e/rate apart in time; so long the force acts.
     e, t = 1e-6, 1e-3
     meeting = [-h / -rate for h in (0.0, e)]
@@ -73,7 +67,7 @@ def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(
     )
 
 
-def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
+def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number():
     for wild in (of(math.inf, 0.0), of(math.nan, 1.0), Error(0.0, 0.0, math.inf, math.nan, 1e300)):
         kept = limited(wild)
         assert np.isfinite(kept).all()
@@ -113,7 +107,7 @@ def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
         ),
     ],
 )
-def test_what_is_published_of_an_error(found: float, expected: float) -> None:
+def test_what_is_published_of_an_error(found, expected):
     # written out: the constants are those that studies of thousands of scenes have found
     assert (EXPECTED_FACTOR, SPREAD_FACTOR, STEP_BIAS) == (1.25, 3.0, 1.6)
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)  # rounding; of 4 N
@@ -122,7 +116,7 @@ def test_what_is_published_of_an_error(found: float, expected: float) -> None:
 FLORES = model(law("flores"), 1e-10, mass=MASS)
 
 
-def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
+def test_a_femur_that_lands_late_lands_at_another_speed():
     """The load has pressed it on for that time, and damping that remembers the impact goes by it ever after."""
     doubtful = thrown(FLORES, -1e-4, 0.05, 2e-3, load=200.0, HEIGHT_ERROR=1e-6)
     late = thrown(FLORES, -1e-4 - 1e-6, 0.05, 2e-3, load=200.0)
@@ -130,7 +124,7 @@ def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
     assert 1e-3 < abs(late.contact_force - doubtful.contact_force) <= doubtful.force_error_estimate
 
 
-def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() -> None:
+def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick():
     # The answer has long come to rest by the tick's end; the exact femur may still be on its way: 1 cm.
     touched = thrown(
         model(law("kelvin_voigt"), 1e-10, mass=MASS), -1e-4, 0.02, 0.05, load=1.0, HH=1e-4
@@ -145,9 +139,7 @@ def test_a_touch_that_comes_too_late_to_be_sure_of_is_in_doubt_for_its_tick() ->
 @pytest.mark.parametrize(
     ("name", "off"), [("kelvin_voigt", 1e-8), ("two_layer_viscoelastic", -1e-8), ("hertz", 1e-8)]
 )
-def test_an_error_of_the_start_is_carried_to_the_end(
-    name: str, depth: float, rate: float, duration: float, off: float
-) -> None:
+def test_an_error_of_the_start_is_carried_to_the_end(name, depth, rate, duration, off):
     """The difference of two exact motions that begin so far apart is within what is published, and not far below."""
     knee = model(law(name), 1e-11, mass=MASS)
     believed = thrown(knee, depth, rate, duration, load=300.0, HEIGHT_ERROR=off)

@@ -1,7 +1,5 @@
 """Error estimates on random scenes that were once wrong, uncompiled, against the reference that shares no code."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -11,7 +9,7 @@ import pytest
 pytest.importorskip("tabulate", reason="the studies' tables")
 
 from studies.honesty import changes, long_runs
-from studies.honesty.judging import Judged, judge
+from studies.honesty.judging import judge
 from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
 from studies.honesty.truth import reference
@@ -20,9 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:the knee turns at up to")
 """These motions are faster than any knee's"""
 
 
-def answered(
-    scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0
-) -> Judged:
+def answered(scene, level, tolerance, budget=0, force_tolerance=0.0):
     """The answers to a scene, judged."""
     model = knee(scene, level, tolerance, budget, force_tolerance)
     series = model.run(scene.time, scene.angle, scene.load)
@@ -34,7 +30,7 @@ def answered(
     return judge(series, reference(scene), tolerance, force_tolerance)
 
 
-def covered(found: Judged) -> float:
+def covered(found):
     """The part of the known depths whose estimate holds, where nothing is OK and wrong."""
     assert not found.depth.wrong.any()
     assert not found.claimed.any()
@@ -54,7 +50,7 @@ def covered(found: Judged) -> float:
         ),  # a load that ends within a tick, faster than the contact swings
     ],
 )
-def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: float) -> None:
+def test_lift_offs_and_landings_are_covered(seed, level, tolerance):
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 100
     # the estimate is one: what the studies ask of thousands of scenes need not be so in each
@@ -113,9 +109,7 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
         ),  # a dashpot that lets go late, into a layer that has none
     ],
 )
-def test_what_was_said_right_and_wrong_is_not_any_more(
-    seed: int, level: str, tolerance: float
-) -> None:
+def test_what_was_said_right_and_wrong_is_not_any_more(seed, level, tolerance):
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 30
     assert covered(found) > 0.9
@@ -129,13 +123,13 @@ def test_what_was_said_right_and_wrong_is_not_any_more(
         6001001382,  # the static contact lies in a damped layer, and the femur swings in the undamped one above
     ],
 )
-def test_after_a_change_no_answer_is_said_right_and_wrong(seed: int) -> None:
+def test_after_a_change_no_answer_is_said_right_and_wrong(seed):
     found = list(changes.rows(seed))
     assert sum(one.known for one in found) == 400
     assert sum(one.wrong for one in found) == 0
 
 
-def test_estimates_of_many_scenes_hold() -> None:
+def test_estimates_of_many_scenes_hold():
     """Scenes that nobody has chosen, and how often their estimates of depth and force hold: 99.9 % in the studies."""
     depth, force, ratios = [], [], []
     for seed in range(3_000_000, 3_000_012):
@@ -204,7 +198,7 @@ TURNING = np.array([0.9, 0.975, 1.05, 1.108, 1.166, 1.195, 1.224])
     ],
     ids=["parts and meets", "presses again"],
 )
-def test_contacts_within_a_tick_are_found(scene: Scene, tolerance: float) -> None:
+def test_contacts_within_a_tick_are_found(scene, tolerance):
     found = answered(scene, "dynamic", tolerance)
     assert found.depth.known.all()
     assert covered(found) == 1.0
@@ -217,9 +211,7 @@ def test_contacts_within_a_tick_are_found(scene: Scene, tolerance: float) -> Non
         ("kelvin_voigt", STUCK, 100),
     ],
 )
-def test_a_budget_does_not_forget_that_a_turning_surface_kicks(
-    law: str, arguments: dict[str, float], budget: int
-) -> None:
+def test_a_budget_does_not_forget_that_a_turning_surface_kicks(law, arguments, budget):
     """The femur flies by millimetres for ticks that are all given up at their very beginning."""
     tick = np.arange(40)
     angle = np.where(tick < 8, 0.5 - 0.05 * np.cos(tick), 0.4623 - 0.06 * np.clip(tick - 7, 0, 6))
@@ -234,7 +226,7 @@ def test_a_budget_does_not_forget_that_a_turning_surface_kicks(
     assert found.depth.covered[flown & (tick < 20)].all()
 
 
-def test_a_running_arthritic_knee_is_not_lost() -> None:
+def test_a_running_arthritic_knee_is_not_lost():
     """Between the strides nothing presses it: it leaves its undamped layer, and comes back in the next stance."""
     time = np.arange(320) * 5e-3
     phase = np.mod(time + 0.4, 0.7)
@@ -264,9 +256,7 @@ def test_a_running_arthritic_knee_is_not_lost() -> None:
         ),  # a turning surface throws up a light, hard contact, some time after its kick
     ],
 )
-def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(
-    seed: int, level: str, tolerance: float
-) -> None:
+def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(seed, level, tolerance):
     """The run lands after flights whose error is metres, or rests all along; the exact femur still flies."""
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 10
@@ -281,7 +271,7 @@ def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(
         if run.name == f"{ARTHRITIC}, running, held in swing"
     ],
 )
-def test_an_arthritic_knee_that_bounces_under_light_loads_is_never_lost(number: int) -> None:
+def test_an_arthritic_knee_that_bounces_under_light_loads_is_never_lost(number):
     """Its bone damps what its cartilage does not: an error must be small when it leaves the bone."""
     found = list(long_runs.rows(5_000_000 + number, part=1e-9))
     assert sum(one.flagged for one in found) == 0

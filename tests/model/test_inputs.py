@@ -1,9 +1,6 @@
 """Implausible angles and loads are reported with values and the likely cause; those of 2000 gaits are not."""
 
-from __future__ import annotations
-
 import warnings
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ WEIGHT = 700.0
 Columns = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def gait(generator: np.random.Generator | None = None) -> Columns:
+def gait(generator=None):
     """Times [s], flexion [rad] and load [N] of four strides; of another person and speed with a generator."""
     u = (
         (lambda low, high: float(generator.uniform(low, high)))
@@ -27,7 +24,7 @@ def gait(generator: np.random.Generator | None = None) -> Columns:
     time = np.arange(0.0, 4.0 * stride, step)
     p = (time / stride + shift) % 1.0
 
-    def bump(at: float, width: float) -> np.ndarray:
+    def bump(at, width):
         return np.exp(-(((p - at) / width) ** 2))
 
     angle = u(-8.0, 20.0) + u(2.0, 22.0) * bump(0.15, 0.08) + u(25.0, 70.0) * bump(0.72, 0.11)
@@ -37,9 +34,7 @@ def gait(generator: np.random.Generator | None = None) -> Columns:
     return time, np.radians(angle), load
 
 
-def sentences_about(
-    time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | None = WEIGHT
-) -> list[str]:
+def sentences_about(time, angle, load, weight=WEIGHT):
     """Return the sentences about a run, the same of all at once and in parts."""
     whole, parts = InputCheck(weight), InputCheck(weight)
     stamps = np.rint(1e9 * time).astype(np.int64)
@@ -111,15 +106,13 @@ def sentences_about(
         ),
     ],
 )
-def test_an_implausible_input_is_reported_in_one_sentence(
-    change: Callable[..., Columns], words: str
-) -> None:
+def test_an_implausible_input_is_reported_in_one_sentence(change, words):
     sentences = sentences_about(*change(*gait()))
     assert len(sentences) == 1
     assert words in sentences[0]
 
 
-def test_two_thousand_gaits_are_not_doubted() -> None:
+def test_two_thousand_gaits_are_not_doubted():
     for seed in range(2000):
         time, angle, load = gait(np.random.default_rng(seed))
         assert sentences_about(time, angle, load) == [], seed
@@ -129,7 +122,7 @@ def test_two_thousand_gaits_are_not_doubted() -> None:
         )  # half of it borne by an exoskeleton
 
 
-def test_a_net_joint_force_is_no_contact_load() -> None:
+def test_a_net_joint_force_is_no_contact_load():
     """It is the ground's force and the shank's weight; the contact force of the same knee has muscles, too."""
     time, angle, load = gait()
     stamps = np.rint(1e9 * time).astype(np.int64)
@@ -150,7 +143,7 @@ def test_a_net_joint_force_is_no_contact_load() -> None:
     assert "beyond 3500 N" in slow.about_load  # 11 body weights in the whole knee
 
 
-def axes(forces: np.ndarray, turned_by: str = "") -> str:
+def axes(forces, turned_by=""):
     """Return the sentence about forces [N], the same of all at once and one by one."""
     whole, each = AxisCheck(turned_by=turned_by), AxisCheck(turned_by=turned_by)
     whole.add_forces(forces)
@@ -160,7 +153,7 @@ def axes(forces: np.ndarray, turned_by: str = "") -> str:
     return whole.sentence
 
 
-def test_a_load_along_another_axis_is_reported() -> None:
+def test_a_load_along_another_axis_is_reported():
     _, _, load = gait()
     right = np.column_stack([0.2 * load, -load, 0.1 * load])
     assert axes(right) == ""
@@ -179,7 +172,7 @@ def test_a_load_along_another_axis_is_reported() -> None:
     )
 
 
-def test_a_run_warns_once_and_its_flight_is_implausible() -> None:
+def test_a_run_warns_once_and_its_flight_is_implausible():
     model, (time, angle, load) = knee_contact_ros.load_model(compiled=False), gait()
     with pytest.warns(UserWarning, match="the load was negative throughout") as caught:
         answers = model.run(time, angle, -load)
@@ -194,7 +187,7 @@ def test_a_run_warns_once_and_its_flight_is_implausible() -> None:
         model.run(time, np.degrees(angle), load)
 
 
-def test_the_landing_of_a_flight_is_implausible_until_it_has_settled() -> None:
+def test_the_landing_of_a_flight_is_implausible_until_it_has_settled():
     model = knee_contact_ros.load_model(compiled=False)
     time = np.arange(0.0, 1.0, 0.002)
     load = np.where((time > 0.2) & (time < 0.3), -100.0, 700.0)

@@ -1,7 +1,5 @@
 """Every law of the table behaves as a contact law must."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -28,7 +26,7 @@ FLOOR = 0.1  # least_impact_speed in LAW_ARGUMENTS
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_every_law_has_a_row_in_the_page_of_the_model(name: str) -> None:
+def test_every_law_has_a_row_in_the_page_of_the_model(name):
     assert f"\n| `{name}` |" in (ROOT / "docs" / "explanation" / "model.md").read_text(
         encoding="utf-8"
     )
@@ -37,9 +35,7 @@ def test_every_law_has_a_row_in_the_page_of_the_model(name: str) -> None:
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 @settings(max_examples=40)
 @given(depth=depths, more=depths)
-def test_the_static_force_begins_at_0_grows_with_the_depth_and_does_not_jump(
-    name: str, depth: float, more: float
-) -> None:
+def test_the_static_force_begins_at_0_grows_with_the_depth_and_does_not_jump(name, depth, more):
     static = law(name).static_force
     assert static(0.0) == static(-depth) == 0.0
     # Below 1e-12 of the depth the difference drowns in rounding.
@@ -52,7 +48,7 @@ def test_the_static_force_begins_at_0_grows_with_the_depth_and_does_not_jump(
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 @settings(max_examples=40)
 @given(depth=depths, rate=st.floats(-0.5, 0.5))
-def test_slopes_are_those_of_the_force(name: str, depth: float, rate: float) -> None:
+def test_slopes_are_those_of_the_force(name, depth, rate):
     check(law(name))
     for layer, impact_speed in itertools.product(law(name).layers, (0.0, 3.0 * FLOOR)):
         there = layer.begin + depth
@@ -79,7 +75,7 @@ Numbers = tuple[dict[str, float], int, float, float, float]
 """Changed constants, number of the layer, depth [m], rate [m/s], and the force [N] there, worked out by hand"""
 
 
-def impact_damped(*losses: float) -> list[Numbers]:
+def impact_damped(*losses):
     """Numbers of a law K δⁿ (1 + D δ̇/v₀) with these D, worked out by hand, at e = 0.1, 0.5 and 0.9; D is 0 at e = 1."""
     return [
         *(
@@ -113,7 +109,7 @@ BY_HAND: dict[str, list[Numbers]] = {
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_every_law_has_forces_worked_out_by_hand(name: str) -> None:
+def test_every_law_has_forces_worked_out_by_hand(name):
     assert name in BY_HAND, (
         f"the law {name} has no tested number: add a row to BY_HAND in tests/model/test_laws.py"
     )
@@ -130,8 +126,8 @@ def test_every_law_has_forces_worked_out_by_hand(name: str) -> None:
 @settings(max_examples=40)
 @given(depth=depths, rate=st.floats(-0.5, 0.5), speed=st.floats(0.0, 1.0))
 def test_every_row_of_the_common_formula_agrees_with_the_independent_reference(
-    name: str, depth: float, rate: float, speed: float
-) -> None:
+    name, depth, rate, speed
+):
     assert name in LAWS, (
         f"the law {name} is not in the reference: write it from its source into studies/reference/laws.py (LAWS)"
     )
@@ -148,7 +144,7 @@ def test_every_row_of_the_common_formula_agrees_with_the_independent_reference(
     assert found == pytest.approx(force, rel=1e-9, abs=1e-9)
 
 
-def test_the_elastic_foundation_is_the_sum_of_its_springs() -> None:
+def test_the_elastic_foundation_is_the_sum_of_its_springs():
     modulus, radius, depth = 24e6 * 0.62 / (1.38 * 0.24), 1.0 / (1.0 / 0.034 - 1.0 / 0.095), 5e-4
     # Independent of the closed form: rings of springs by the midpoint rule, of error 1/(2 x number)².
     rings, reach = 1000, math.sqrt(2.0 * radius * depth)
@@ -161,7 +157,7 @@ def test_the_elastic_foundation_is_the_sum_of_its_springs() -> None:
     assert law("elastic_foundation").static_force(depth) == pytest.approx(summed, rel=1e-6)
 
 
-def test_stiffness_of_the_papers_materials() -> None:
+def test_stiffness_of_the_papers_materials():
     radius = relative_radius(0.034, 0.095)
     assert radius == pytest.approx(0.034 * 0.095 / 0.061, rel=1e-14)
     bone, cartilage = hertz_stiffness(17.2e9, 0.39, radius), hertz_stiffness(24e6, 0.38, radius)
@@ -180,7 +176,7 @@ def test_stiffness_of_the_papers_materials() -> None:
     ("femoral", "tibial"),
     [(0.034, 0.034), (0.095, 0.034), (0.034, -0.095), (0.0, 0.1), (-0.1, 0.1), (0.034, math.nan)],
 )
-def test_radii_that_do_not_fit_are_refused(femoral: float, tibial: float) -> None:
+def test_radii_that_do_not_fit_are_refused(femoral, tibial):
     refused: list[Callable[[], object]] = [
         lambda: relative_radius(femoral, tibial),
         lambda: law("elastic_foundation", femoral_radius=femoral, tibial_radius=tibial),
@@ -202,7 +198,7 @@ def test_radii_that_do_not_fit_are_refused(femoral: float, tibial: float) -> Non
         ((0.0, math.nan), "each next one deeper"),
     ],
 )
-def test_layers_out_of_order_are_refused(begins: tuple[float, ...], words: str) -> None:
+def test_layers_out_of_order_are_refused(begins, words):
     with pytest.raises(ValueError, match=words):
         check(ContactLaw(tuple(Layer(begin, stiffness=1e6) for begin in begins)))
     check(ContactLaw((Layer(stiffness=1e6), Layer(1e-4, 1.0, 1e7))))
@@ -225,17 +221,15 @@ def test_layers_out_of_order_are_refused(begins: tuple[float, ...], words: str) 
     ],
 )
 def test_an_own_formula_that_is_no_law_is_refused(
-    force_at: Callable[[float, float], tuple[float, float, float]],
-    words: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    force_at,
+    words,
+    monkeypatch,
+):
     """Its layer lies on a linear one that ends at 0.1 mm."""
     own = Layer(1e-4, form=1.0)
     common = Layer.force_at
 
-    def formula(
-        layer: Layer, depth: float, rate: float, speed: float = 0.0
-    ) -> tuple[float, float, float]:
+    def formula(layer, depth, rate, speed=0.0):
         return force_at(depth, rate) if layer.form == 1.0 else common(layer, depth, rate, speed)
 
     monkeypatch.setattr(Layer, "force_at", formula)

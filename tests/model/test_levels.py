@@ -1,7 +1,5 @@
 """The levels of the model: what each of them solves, and that it knows how far it is from forward dynamics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -46,7 +44,7 @@ EACH = pytest.mark.parametrize("name", KNEES)
 
 
 @cache
-def answers(name: str, series: str, level: str, tolerance: float) -> np.recarray[Any, Any]:
+def answers(name, series, level, tolerance):
     """The answers of a level."""
     law_name, constants, mass, pair = KNEES[name]
     knee = model(
@@ -60,12 +58,12 @@ def answers(name: str, series: str, level: str, tolerance: float) -> np.recarray
     return fast(knee).run(*SERIES[series])
 
 
-def test_auto_is_dynamic() -> None:
+def test_auto_is_dynamic():
     assert LEVELS["auto"] == LEVELS["dynamic"]
 
 
 @EACH
-def test_the_quasi_static_level_balances_the_load_at_rest(name: str) -> None:
+def test_the_quasi_static_level_balances_the_load_at_rest(name):
     law_name, constants, _, pair = KNEES[name]
     knee = model(law(law_name, **constants), pair=PAIRS[pair]())
     rows: Any = answers(name, "walking", "quasi_static", 1e-10)[1:]
@@ -83,7 +81,7 @@ def test_the_quasi_static_level_balances_the_load_at_rest(name: str) -> None:
 
 @pytest.mark.parametrize("level", ["quasi_static", "dynamic"])
 @EACH
-def test_a_level_knows_how_far_it_is_from_forward_dynamics(name: str, level: str) -> None:
+def test_a_level_knows_how_far_it_is_from_forward_dynamics(name, level):
     covered, ratios = [], []
     for series in SERIES:
         exact = answers(name, series, "dynamic", FINEST)
@@ -109,7 +107,7 @@ def test_a_level_knows_how_far_it_is_from_forward_dynamics(name: str, level: str
 
 
 @pytest.mark.parametrize("level", ["quasi_static", "dynamic"])
-def test_a_force_tolerance_is_kept_or_missing_it_is_said(level: str) -> None:
+def test_a_force_tolerance_is_kept_or_missing_it_is_said(level):
     knee = model(law("kelvin_voigt"), 1e-5, level=level)
     exact = fast(replace(knee, tolerance=FINEST, level=LEVELS["dynamic"])).run(*walking())
     for force_tolerance in (1e-3, 1e-1, 10.0):

@@ -1,7 +1,5 @@
 """The library of the model: the same bits as plain Python, built once, portable, and missed with one line."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil
@@ -11,7 +9,6 @@ import threading
 from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -46,7 +43,7 @@ needs_numba = pytest.mark.skipif(find_spec("numba") is None, reason="needs the e
 
 @pytest.mark.parametrize("level", ["dynamic", "quasi_static"])
 @pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_the_library_gives_the_bits_of_plain_python(name: str, level: str) -> None:
+def test_the_library_gives_the_bits_of_plain_python(name, level):
     """Each law, on one pair of surfaces after the other, with lift-offs and jumps of the load."""
     pairs = list(PAIRS.values())
     pair = pairs[list(CONTACT_LAWS).index(name) % len(pairs)]()
@@ -58,7 +55,7 @@ def test_the_library_gives_the_bits_of_plain_python(name: str, level: str) -> No
 
 
 @pytest.mark.parametrize("level", ["dynamic", "quasi_static"])
-def test_200_random_scenes_have_the_bits_of_plain_python(level: str) -> None:
+def test_200_random_scenes_have_the_bits_of_plain_python(level):
     """All laws, with extreme constants, of which one tick in a few reaches the budget."""
     for seed in range(200):
         scene = draw(seed)
@@ -68,7 +65,7 @@ def test_200_random_scenes_have_the_bits_of_plain_python(level: str) -> None:
         assert answers[0] == answers[1], seed
 
 
-def test_both_copies_of_the_library_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_copies_of_the_library_give_the_same_bits(monkeypatch):
     """That for older processors, and that for newer ones."""
     if not kernel.has_fast_processor():
         pytest.skip("needs a processor of x86-64-v3 and Linux")
@@ -83,19 +80,19 @@ def test_both_copies_of_the_library_give_the_same_bits(monkeypatch: pytest.Monke
     assert runs[0] == runs[1]
 
 
-def test_a_model_that_has_run_can_be_sent_to_another_process() -> None:
+def test_a_model_that_has_run_can_be_sent_to_another_process():
     knee = load_model(compiled=True)
     answers = [one.run(*hopping(9)).tobytes() for one in (knee, pickle.loads(pickle.dumps(knee)))]  # noqa: S301
     assert answers[0] == answers[1]
 
 
-def test_any_number_of_threads_may_run_knees() -> None:
+def test_any_number_of_threads_may_run_knees():
     time, angle, load = hopping(2000, 1e-3)
     knees = [load_model(name, compiled=True) for name in ("healthy", "osteoarthritis")] * 2
     alone = [knee.run(time, angle, load).tobytes() for knee in knees]
     together: dict[int, bytes] = {}
 
-    def run(number: int) -> None:
+    def run(number):
         together[number] = knees[number].run(time, angle, load).tobytes()
 
     threads = [threading.Thread(target=run, args=(number,)) for number in range(len(knees))]
@@ -106,7 +103,7 @@ def test_any_number_of_threads_may_run_knees() -> None:
     assert [together[number] for number in range(len(knees))] == alone
 
 
-def used(folder: Path, begin: str = "", **environment: str) -> tuple[str, str]:
+def used(folder, begin="", **environment):
     """Return what a use of a copy prints, and what it says on stderr."""
     own = {**os.environ, "PYTHONPATH": str(folder), "HOME": str(folder / "home"), **environment}
     own.pop("XDG_CACHE_HOME", None)
@@ -122,7 +119,7 @@ def used(folder: Path, begin: str = "", **environment: str) -> tuple[str, str]:
 
 
 @needs_numba
-def test_an_edit_of_the_model_builds_it_again_once(tmp_path: Path) -> None:
+def test_an_edit_of_the_model_builds_it_again_once(tmp_path):
     package = copy_of_the_package(tmp_path)
     library = library_file()
     shutil.copy2(library, package / "model")
@@ -142,8 +139,8 @@ def test_an_edit_of_the_model_builds_it_again_once(tmp_path: Path) -> None:
 
 
 def test_without_library_and_numba_the_plain_model_computes_and_says_so_once(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     copy_of_the_package(tmp_path)
     (tmp_path / "numba.py").write_text("raise ImportError('not here')")
     hidden = "import importlib.util as u; find = u.find_spec\n"
@@ -157,13 +154,13 @@ def test_without_library_and_numba_the_plain_model_computes_and_says_so_once(
     )
 
 
-def used_here() -> str:
+def used_here():
     """Return what a use of this package prints."""
     return f"{load_model().run([0.0, 0.01], [0.3, 0.31], [700.0, 710.0]).penetration_depth[-1]}\n"
 
 
 @pytest.mark.skipif(not shutil.which("nm"), reason="needs binutils (Debian: apt install binutils)")
-def test_the_library_needs_libm_alone_and_holds_no_data() -> None:
+def test_the_library_needs_libm_alone_and_holds_no_data():
     assert found_library()
     listed = subprocess.run(
         ["nm", "-D", library_file()],  # noqa: S607
@@ -181,8 +178,8 @@ def test_the_library_needs_libm_alone_and_holds_no_data() -> None:
 
 @needs_numba
 def test_code_with_sizes_or_names_of_this_machine_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     address = "define i32 @kernel() { %a = inttoptr i64 4096 to ptr\n %b = load i32, ptr %a\n ret i32 %b }"
     outside = "declare i32 @numba_helper()\ndefine i32 @kernel() { %b = call i32 @numba_helper()\n ret i32 %b }"
     monkeypatch.setattr(
@@ -203,7 +200,7 @@ def test_code_with_sizes_or_names_of_this_machine_is_refused(
 
 
 @needs_numba
-def test_what_is_changed_in_numba_is_still_there() -> None:
+def test_what_is_changed_in_numba_is_still_there():
     """Names that are not public, by which the model is translated in 5 s instead of 40 s."""
     from numba import njit
     from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary

@@ -1,11 +1,7 @@
 """Ticks that may not take what they need, and knees that change live: nothing is OK and wrong."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +9,6 @@ import pytest
 pytest.importorskip("tabulate", reason="the studies' tables")
 
 from knee_contact_ros.model import contact
-from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import Fidelity, Status
 from studies.honesty.changes import SEGMENTS, rows
@@ -25,7 +20,7 @@ FORGETFUL = {"two_layer_viscoelastic": {"damp_first_layer": True}}
 """Changes of laws by which all of their layers are damped"""
 
 
-def noisy(seed: int, count: int, tick: float = 1e-3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def noisy(seed, count, tick=1e-3):
     """A rough start that no small budget resolves, and then a steady load."""
     rng = np.random.default_rng((45, seed))
     time = tick * np.arange(count)
@@ -36,9 +31,7 @@ def noisy(seed: int, count: int, tick: float = 1e-3) -> tuple[np.ndarray, np.nda
     return time, angle, load
 
 
-def limits(
-    names: tuple[str, ...], count: int, ticks: int = 300
-) -> Iterator[tuple[int, KneeModel, Any]]:
+def limits(names, count, ticks=300):
     """Knees with budgets, and what they answer to `noisy`."""
     for seed in range(count):
         rng = np.random.default_rng((46, seed))
@@ -48,12 +41,12 @@ def limits(
         yield seed, knee, fast(knee).run(*noisy(seed, ticks))
 
 
-def lost(series: Any) -> np.ndarray:
+def lost(series):
     """Ticks that were given up."""
     return np.asarray(series.fidelity[1:] == Fidelity.QUASI_STATIC)
 
 
-def test_no_tick_takes_more_than_its_budget_and_one_that_would_says_so() -> None:
+def test_no_tick_takes_more_than_its_budget_and_one_that_would_says_so():
     given_up = 0
     for _, knee, series in limits(tuple(CONTACT_LAWS), 45):
         assert series.evaluations.max() <= knee.budget
@@ -65,12 +58,12 @@ def test_no_tick_takes_more_than_its_budget_and_one_that_would_says_so() -> None
 
 
 def test_no_tick_looks_at_the_surfaces_more_often_than_its_budget_allows(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """Flights over measured surfaces need many probes, though they evaluate no law."""
     looks, touch = [0], contact.touch
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments):
         looks[-1] += 1
         return touch(*arguments)
 
@@ -86,7 +79,7 @@ def test_no_tick_looks_at_the_surfaces_more_often_than_its_budget_allows(
     assert 250 < max(looks) <= 300
 
 
-def test_a_given_up_tick_is_answered_with_the_contact_at_rest() -> None:
+def test_a_given_up_tick_is_answered_with_the_contact_at_rest():
     for _, knee, series in limits(("kelvin_voigt", "two_layer_viscoelastic"), 12):
         rows = series[1:][lost(series)]
         upright = [knee.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows]
@@ -96,7 +89,7 @@ def test_a_given_up_tick_is_answered_with_the_contact_at_rest() -> None:
         )
 
 
-def test_what_is_ok_after_a_given_up_tick_is_right() -> None:
+def test_what_is_ok_after_a_given_up_tick_is_right():
     """Against the run without a limit, for laws whose damping makes the contact forget."""
     later, back, seen = 0, 0, 0
     for seed, knee, series in limits(
@@ -124,7 +117,7 @@ def test_what_is_ok_after_a_given_up_tick_is_right() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in CONTACT_LAWS if name != "kelvin_voigt"])
-def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name: str) -> None:
+def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name):
     seen = 0
     for seed in range(4):
         time, angle, load = noisy(seed, 3000)
@@ -138,7 +131,7 @@ def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name: str) 
 
 
 @pytest.mark.parametrize("seed", range(1_000_000, 1_000_010))
-def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed: int) -> None:
+def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed):
     """Four changes of law, constants, mass, tolerance and level, with a budget and without, against the reference."""
     found = list(rows(seed))
     assert len(found) == 2 * SEGMENTS
@@ -149,7 +142,7 @@ def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed: int) -> 
     )
 
 
-def test_what_changes_under_a_steady_load_is_soon_ok_again() -> None:
+def test_what_changes_under_a_steady_load_is_soon_ok_again():
     time = 1e-3 * np.arange(60)
     for changes in ({"stiffness": 6.3e7}, {"exponent": 1.4}, {"damping": 1e4}):
         stream = fast(model(law("kelvin_voigt"), 1e-6)).stream()

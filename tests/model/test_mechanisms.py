@@ -1,7 +1,5 @@
 """Mechanisms: splines against SciPy's, the parallel mechanism against its constraints and another formulation."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -28,7 +26,7 @@ MANY = [
 
 
 @pytest.mark.parametrize("mechanism", MANY, ids=str)
-def test_slope_and_bounds(mechanism: mechanisms.Mechanism) -> None:
+def test_slope_and_bounds(mechanism):
     h, angles = (
         1e-5,
         np.linspace(-1.0, 3.0, 401).tolist(),
@@ -45,7 +43,7 @@ def test_slope_and_bounds(mechanism: mechanisms.Mechanism) -> None:
 
 
 @pytest.mark.parametrize("points", [2, 3, 4, 6])
-def test_a_table_is_the_natural_spline_and_goes_on_straight(points: int) -> None:
+def test_a_table_is_the_natural_spline_and_goes_on_straight(points):
     angles, x = KNOTS[:points], VALUES[:points]
     made, spline = translation_table(angles, x), CubicSpline(angles, x, bc_type="natural")
     for angle in np.linspace(-1.0, 3.0, 401).tolist():
@@ -70,12 +68,12 @@ def test_a_table_is_the_natural_spline_and_goes_on_straight(points: int) -> None
         ([0.0, 1.0], [0.0, -5.0], "in metres"),
     ],
 )
-def test_what_is_no_table_is_refused(angle: list[float], x: list[float], reason: str) -> None:
+def test_what_is_no_table_is_refused(angle, x, reason):
     with pytest.raises(ValueError, match=reason):
         translation_table(angle, x)
 
 
-def test_the_parallel_mechanism_stays_closed() -> None:
+def test_the_parallel_mechanism_stays_closed():
     made = parallel_mechanism()
     angles, poses = mechanisms.passive_motion()
     assert (angles[0], angles[-1]) == (MIN_SOLVED_FLEXION, MAX_SOLVED_FLEXION)

@@ -1,7 +1,5 @@
 """Every field of the message has a value: a field that the kernel never writes would silently be 0."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -17,7 +15,7 @@ ALWAYS_0 = {"contact_point_z"}
 
 
 @cache
-def fields_with_a_value() -> frozenset[str]:
+def fields_with_a_value():
     """Numbers that differ from 0 in the shipped gait, with MRI surfaces or two layers, or where the load lifts off."""
     time, angle, load = gait("right")
     surfaces = load_model("mri_knee").run(time, angle, load)
@@ -30,7 +28,7 @@ def fields_with_a_value() -> frozenset[str]:
 
 
 @pytest.mark.parametrize("name", sorted(set(MESSAGE_FIELDS) - ALWAYS_0))
-def test_every_number_of_the_message_differs_from_0_somewhere(name: str) -> None:
+def test_every_number_of_the_message_differs_from_0_somewhere(name):
     assert name in fields_with_a_value(), (
         f"{name} of KneeContact.msg is 0 in all scenes: write it in write_answer (knee_contact_ros/model/answers.py), "
         "or add a scene in which it differs from 0 to tests/model/test_message_values.py"

@@ -1,12 +1,8 @@
 """The model as users call it: against an independent solver, and the promises of its interface."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -49,9 +45,7 @@ FIELDS = (
         ("pull_apart_and_land", "kelvin_voigt"),
     ],
 )
-def test_independent_answers_are_met_to_the_tolerance(
-    reference_data: Path, scene: str, name: str, tolerance: float
-) -> None:
+def test_independent_answers_are_met_to_the_tolerance(reference_data, scene, name, tolerance):
     path = reference_data / "reference" / f"{scene}.csv"
     reference = np.genfromtxt(path, delimiter=",", comments="#", skip_header=3, names=True)
     series = fast(model(law(name), tolerance)).run(
@@ -66,7 +60,7 @@ def test_independent_answers_are_met_to_the_tolerance(
 
 @pytest.mark.parametrize("kind", PAIRS)
 @pytest.mark.parametrize("name", ["kelvin_voigt", "two_layer_viscoelastic", "gonthier"])
-def test_run_stream_and_compiled_code_give_the_same_bits(name: str, kind: str) -> None:
+def test_run_stream_and_compiled_code_give_the_same_bits(name, kind):
     """A whole series, one tick at a time, in blocks; plainly and compiled."""
     time, angle, load = hopping(60)
     knee = model(law(name), 1e-6, pair=PAIRS[kind](), budget=2000)
@@ -84,7 +78,7 @@ def test_run_stream_and_compiled_code_give_the_same_bits(name: str, kind: str) -
         assert b"".join(part.tobytes() for part in parts) == bits
 
 
-def test_times_that_name_the_same_nanosecond_give_the_same_bits() -> None:
+def test_times_that_name_the_same_nanosecond_give_the_same_bits():
     stamps = np.arange(530_000_000, 730_000_000, 5_000_000)
     angle, load = np.linspace(0.1, 0.3, len(stamps)), np.linspace(300.0, 900.0, len(stamps))
     knee = model(law("kelvin_voigt"), 1e-6)
@@ -92,7 +86,7 @@ def test_times_that_name_the_same_nanosecond_give_the_same_bits() -> None:
     assert len({knee.run(time, angle, load).tobytes() for time in times}) == 1
 
 
-def test_layers_share_the_depth() -> None:
+def test_layers_share_the_depth():
     series = model(law("two_layer_viscoelastic")).run(TICKS, ANGLE, LOAD + 800.0)
     bone = series.contact_state == ContactState.BONE
     assert bone.any()
@@ -103,7 +97,7 @@ def test_layers_share_the_depth() -> None:
     assert (series.cartilage_depth <= 5e-4).all()
 
 
-def test_the_contact_point_lies_on_the_plateau_under_the_lowest_point() -> None:
+def test_the_contact_point_lies_on_the_plateau_under_the_lowest_point():
     series = model(law("kelvin_voigt"), geometry=ellipse(320)).run(TICKS, ANGLE, LOAD)
     a, b = 0.034, 0.028
     h = np.hypot(a * np.sin(ANGLE), b * np.cos(ANGLE))
@@ -114,7 +108,7 @@ def test_the_contact_point_lies_on_the_plateau_under_the_lowest_point() -> None:
     assert series.contact_point.y == pytest.approx(0.0, abs=1e-17)
 
 
-def test_a_sloped_plateau_carries_the_load_by_its_normal_force() -> None:
+def test_a_sloped_plateau_carries_the_load_by_its_normal_force():
     slope = 0.15
     last = model(law("kelvin_voigt"), slope=slope).run(
         TICKS, 0.0 * ANGLE, np.full_like(TICKS, 1000.0)
@@ -143,7 +137,7 @@ def test_a_sloped_plateau_carries_the_load_by_its_normal_force() -> None:
 
 @pytest.mark.parametrize("kind", PAIRS)
 @pytest.mark.parametrize("apart", [-5e-4, 2e-3])
-def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -> None:
+def test_sliding_is_that_of_the_femurs_material_point(kind, apart):
     """The point that is deepest at the tick, followed through the moments around it as a point of the femur."""
     pair, angle, rate, climb, tick = PAIRS[kind](), 0.42, 3.0, -0.05, 1e-3
     end = statics.height_at(pair.surfaces, angle, -apart, 0.1)
@@ -156,7 +150,7 @@ def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -
     tangent = np.array([normal[1], -normal[0]])
     arm = -found.extent * normal - found.turning * tangent
 
-    def point(s: float) -> np.ndarray:
+    def point(s):
         turn = rate * s
         turned = (
             np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]) @ arm
@@ -203,9 +197,7 @@ def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -
         ([1.0, 1.0 + 4e-10], [0.0, 0.0], [1.0, 1.0], "increase"),
     ],
 )
-def test_series_that_make_no_sense_are_refused(
-    time: list[Any], angle: list[Any], load: list[Any], words: str
-) -> None:
+def test_series_that_make_no_sense_are_refused(time, angle, load, words):
     knee = model(law("kelvin_voigt"))
     with pytest.raises(ValueError, match=words):
         knee.run(time, angle, load)
@@ -217,7 +209,7 @@ def test_series_that_make_no_sense_are_refused(
             stream.tick(*last)
 
 
-def test_a_refused_tick_leaves_the_stream_as_it_was() -> None:
+def test_a_refused_tick_leaves_the_stream_as_it_was():
     knee, answers = model(law("kelvin_voigt")), []
     stream = knee.stream()
     for time, angle, load in ROWS:
@@ -240,7 +232,7 @@ def test_a_refused_tick_leaves_the_stream_as_it_was() -> None:
         stream.advance_all(stamps, np.zeros(2), np.zeros(2), None)
 
 
-def test_an_empty_series_gives_an_empty_answer_and_an_empty_law_none() -> None:
+def test_an_empty_series_gives_an_empty_answer_and_an_empty_law_none():
     assert len(model(law("kelvin_voigt")).run([], [], [])) == 0
     with pytest.raises(ValueError, match="first layer must begin at 0 m"):
         model(ContactLaw((Layer(1e-3, stiffness=1e6),)))
@@ -248,12 +240,10 @@ def test_an_empty_series_gives_an_empty_answer_and_an_empty_law_none() -> None:
 
 @pytest.mark.parametrize("level", ["dynamic", "quasi_static"])
 @pytest.mark.parametrize("name", ["kelvin_voigt", "two_layer_viscoelastic", "flores"])
-def test_every_evaluation_of_the_law_is_counted(
-    name: str, level: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_evaluation_of_the_law_is_counted(name, level, monkeypatch):
     calls, force_at, touching = [0], laws.force_at, {laws.APART: 0}
 
-    def counting(rows: Any, layer: int, *rest: float) -> tuple[float, float, float]:
+    def counting(rows, layer, *rest):
         calls[0] += touching.get(layer, 1)  # apart there is nothing to evaluate
         return force_at(rows, layer, *rest)
 
@@ -266,7 +256,7 @@ def test_every_evaluation_of_the_law_is_counted(
     assert abs(int(series.evaluations.sum()) - calls[0]) <= max(2 * len(TICKS), 0.1 * calls[0])
 
 
-def test_a_budget_of_0_is_a_large_one_and_the_first_answer_is_the_static_one() -> None:
+def test_a_budget_of_0_is_a_large_one_and_the_first_answer_is_the_static_one():
     assert model(law("hertz")).constants.budget == MOST_BUDGET >= 100_000
     first = model(law("kelvin_voigt")).stream().tick(0.0, 0.2, 1614.18)
     assert first.contact_force == pytest.approx(1614.18, rel=1e-12)  # rounding of the depth
@@ -279,7 +269,7 @@ def test_a_budget_of_0_is_a_large_one_and_the_first_answer_is_the_static_one() -
 
 
 @pytest.mark.filterwarnings("ignore:the load reaches")
-def test_what_is_deeper_than_plausible_is_said() -> None:
+def test_what_is_deeper_than_plausible_is_said():
     knee = model(law("elastic_foundation"))
     assert knee.plausible_depth == 4.4e-3
     assert model(law("hertz")).plausible_depth == pytest.approx(
@@ -289,7 +279,7 @@ def test_what_is_deeper_than_plausible_is_said() -> None:
         assert knee.run([0.0], [0.0], [knee.law.static_force(share * 4.4e-3)]).status == status
 
 
-def test_models_and_answers_are_copied_and_models_name_their_parts() -> None:
+def test_models_and_answers_are_copied_and_models_name_their_parts():
     knee = model(law("two_layer_elastic"), geometry=ellipse(40))
     assert (
         repr(knee)
@@ -309,9 +299,7 @@ def test_models_and_answers_are_copied_and_models_name_their_parts() -> None:
     ("stiffness", "exponent"), [(1.0, 1.0), (1.0, 3.0), (1e15, 1.0), (1e15, 3.0)]
 )
 @pytest.mark.parametrize(("mass", "period"), [(1e-4, 1e9), (1e-4, 1.0), (1e3, 1e-9)])
-def test_the_largest_samples_do_not_break_the_run(
-    name: str, stiffness: float, exponent: float, mass: float, period: float
-) -> None:
+def test_the_largest_samples_do_not_break_the_run(name, stiffness, exponent, mass, period):
     damping = {"damping": 1e9} if name == "kelvin_voigt" else {}
     hard = law(name, stiffness=stiffness, exponent=exponent, **damping)
     load = np.array([LARGEST_LOAD, -LARGEST_LOAD, LARGEST_LOAD, -LARGEST_LOAD, 0.0, LARGEST_LOAD])

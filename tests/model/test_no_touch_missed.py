@@ -1,7 +1,5 @@
 """The exact answers do not depend on how a piecewise linear motion is cut into ticks: no touch is missed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from tests.helpers.scenes import law, model
 from tests.model.scenes import ellipse, signed, thrown
 
 
-def test_a_motion_that_is_cut_otherwise_has_the_same_answers() -> None:
+def test_a_motion_that_is_cut_otherwise_has_the_same_answers():
     """Next to no load, slow ticks, fast turns, live changes: in 1 and 4 parts as in 64."""
     found = [one for seed in range(1_000_000, 1_000_016) for one in rows(seed)]
     assert [one for one in found if one.wrong or one.not_finite] == []
@@ -21,12 +19,12 @@ def test_a_motion_that_is_cut_otherwise_has_the_same_answers() -> None:
 
 
 @pytest.mark.parametrize("seed", [5013002149, 5013002600])
-def test_a_released_contact_that_leaps_from_dent_to_dent_presses_after_a_leap(seed: int) -> None:
+def test_a_released_contact_that_leaps_from_dent_to_dent_presses_after_a_leap(seed):
     """A dashpot pulls, and lets go; the next dent comes down fast, and presses for a moment between two looks."""
     assert [one for one in rows(seed) if one.wrong or one.known != 20 or one.covered < 19] == []
 
 
-def test_a_contact_that_parts_within_a_step_and_meets_the_next_dent_begins_anew() -> None:
+def test_a_contact_that_parts_within_a_step_and_meets_the_next_dent_begins_anew():
     """The law remembers how a contact began: 0.37 m/s instead of a tenth of it."""
     assert [one for one in rows(6301051493) if one.wrong] == []
 
@@ -34,9 +32,7 @@ def test_a_contact_that_parts_within_a_step_and_meets_the_next_dent_begins_anew(
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("brush", [0.07, 0.31, 0.62, 0.93])
 @pytest.mark.parametrize("deep", [1e-4, 3e-4])
-def test_a_flight_sees_a_turning_profile_brush_the_plateau(
-    deep: float, brush: float, parts: int
-) -> None:
+def test_a_flight_sees_a_turning_profile_brush_the_plateau(deep, brush, parts):
     """Half axes of 34 and 28 mm: the longer one points down at a right angle, at a part of the tick."""
     begin, end = 0.5 * np.pi - 0.6 * brush, 0.5 * np.pi + 0.6 * (1.0 - brush)
     knee, geometry = model(law("hertz"), 1e-8, ellipse(320), mass=2.0), ellipse(320)
@@ -70,8 +66,8 @@ def test_a_flight_sees_a_turning_profile_brush_the_plateau(
 )
 @pytest.mark.parametrize("duration", [0.01, 0.016, 0.03, 0.1])
 def test_a_flight_sees_a_load_press_the_surfaces_together_for_a_moment(
-    depth: float, rate: float, load: float, end_load: float, duration: float
-) -> None:
+    depth, rate, load, end_load, duration
+):
     """A circle on a plane, of which the exact flight is a parabola: one tick has the answer of 60."""
     knee = model(law("kelvin_voigt"), 1e-8)
     found, exact = (

@@ -1,7 +1,5 @@
 """Patch, pressure, strain and loading rate against closed forms."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -10,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros import load_model
-from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.types import ContactState, Rows, Status, blank_answers
+from knee_contact_ros.model.types import ContactState, Status, blank_answers
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 
@@ -29,19 +26,19 @@ MATERIAL = {
 }
 
 
-def knee(**values: object) -> KneeModel:
+def knee(**values):
     return build_model(
         load_parameters({name.replace("__", "."): value for name, value in values.items()})
     )
 
 
-def at_rest(model: KneeModel, loads: list[float]) -> Rows:
+def at_rest(model, loads):
     """Contacts under constant loads, a run for each."""
     return np.concatenate([model.run([0.0], [0.3], [load]) for load in loads])
 
 
 @given(load=st.floats(1.0, 5000.0))
-def test_hertz_pressure_is_that_of_the_textbook(load: float) -> None:
+def test_hertz_pressure_is_that_of_the_textbook(load):
     model = knee(contact__law="hertz", contact__stiffness_from="material", **MATERIAL)
     (read,) = model.readouts(at_rest(model, [load]))
     plane = MODULUS / (2.0 * (1.0 - POISSON**2))  # E*
@@ -58,7 +55,7 @@ def test_hertz_pressure_is_that_of_the_textbook(load: float) -> None:
 
 
 @given(load=st.floats(1.0, 5000.0))
-def test_foundation_pressure_is_that_of_its_springs(load: float) -> None:
+def test_foundation_pressure_is_that_of_its_springs(load):
     model = knee(contact__law="elastic_foundation", **MATERIAL)
     rows = at_rest(model, [load])
     (read,) = model.readouts(rows)
@@ -77,7 +74,7 @@ def test_foundation_pressure_is_that_of_its_springs(load: float) -> None:
 
 
 @pytest.mark.parametrize("law", CONTACT_LAWS)
-def test_every_law_carries_its_force_at_rest_on_the_patch(law: str) -> None:
+def test_every_law_carries_its_force_at_rest_on_the_patch(law):
     model = knee(contact__law=law)
     rows = at_rest(model, [0.0, 1.0, 300.0, 1500.0, 3000.0])
     read = model.readouts(rows)
@@ -88,7 +85,7 @@ def test_every_law_carries_its_force_at_rest_on_the_patch(law: str) -> None:
     assert (np.diff(read["half_width"]) > 0.0).all()
 
 
-def test_strain_of_two_layers_is_1_where_the_first_is_pressed_flat() -> None:
+def test_strain_of_two_layers_is_1_where_the_first_is_pressed_flat():
     model = knee(contact__law="two_layer_elastic", contact__layer_depth=5e-4)
     rows = at_rest(model, [20.0, 3000.0])
     assert rows["contact_state"].tolist() == [ContactState.CARTILAGE, ContactState.BONE]
@@ -97,7 +94,7 @@ def test_strain_of_two_layers_is_1_where_the_first_is_pressed_flat() -> None:
     assert flat == pytest.approx(1.0, rel=TOLERANCE)
 
 
-def test_loading_rate_is_the_slope_of_the_contact_force() -> None:
+def test_loading_rate_is_the_slope_of_the_contact_force():
     model = knee(contact__law="hertz")
     rows = blank_answers(5)
     rows["stamp"] = [0, 10_000_000, 30_000_000, 40_000_000, 30_000_000]
@@ -108,7 +105,7 @@ def test_loading_rate_is_the_slope_of_the_contact_force() -> None:
     assert np.isnan([rates[0], rates[3], rates[4]]).all()
 
 
-def test_radii_of_no_knee_give_no_readouts() -> None:
+def test_radii_of_no_knee_give_no_readouts():
     model = knee(contact__law="kelvin_voigt", contact__femoral_radius=0.1)
     with pytest.raises(
         ValueError, match=r"contact\.femoral_radius must be below contact\.tibial_radius"
@@ -118,7 +115,7 @@ def test_radii_of_no_knee_give_no_readouts() -> None:
 
 @pytest.mark.parametrize("knee", ["healthy", "osteoarthritis", "mri_knee"])
 @pytest.mark.parametrize("deviation", [20.0, 100.0])
-def test_an_uncertain_load_is_carried_on_to_force_and_depth(knee: str, deviation: float) -> None:
+def test_an_uncertain_load_is_carried_on_to_force_and_depth(knee, deviation):
     """Against the model under the load, and a standard deviation more and less; a bound where little presses."""
     model = load_model([knee, {"fidelity.level": "quasi_static"}], compiled=False)
     load = np.concatenate(

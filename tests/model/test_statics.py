@@ -1,7 +1,5 @@
 """The static solution, against values computed by hand from the paper's constants."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -26,7 +24,7 @@ FIRST_PEAK, SECOND_PEAK = 1.81 * BODY_WEIGHT, 2.19 * BODY_WEIGHT
         ("two_layer_viscoelastic", SECOND_PEAK, 0.538046e-3),
     ],
 )
-def test_static_depths_under_the_papers_loads(name: str, force: float, depth: float) -> None:
+def test_static_depths_under_the_papers_loads(name, force, depth):
     # the values' last digit
     assert statics.plain_static_depth(law(name).rows, force) == pytest.approx(depth, abs=0.5e-9)
     first = model(law(name)).stream().tick(0.0, 0.2, force)
@@ -35,16 +33,14 @@ def test_static_depths_under_the_papers_loads(name: str, force: float, depth: fl
 
 
 @pytest.mark.parametrize("name", ["two_layer_elastic", "two_layer_viscoelastic"])
-def test_force_at_the_papers_osteoarthritic_depth(name: str) -> None:
+def test_force_at_the_papers_osteoarthritic_depth(name):
     assert law(name).static_force(0.521e-3) / BODY_WEIGHT == pytest.approx(1.6055, abs=0.5e-4)
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 @settings(max_examples=40)
 @given(force=st.floats(1e-6, 1e6), guess=st.sampled_from([1e-9, 0.9, 0.999, 1.0, 1.1, 20.0]))
-def test_the_static_depth_carries_the_force_whatever_the_guess(
-    name: str, force: float, guess: float
-) -> None:
+def test_the_static_depth_carries_the_force_whatever_the_guess(name, force, guess):
     contact_law = law(name)
     depth = statics.plain_static_depth(contact_law.rows, force)
     # Rounding of the depth (1e-16 of up to 1 mm and more) times the slope; 1e-12 covers the steepest law here.
@@ -54,7 +50,7 @@ def test_the_static_depth_carries_the_force_whatever_the_guess(
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_no_guess_is_too_far_and_no_load_is_none(name: str) -> None:
+def test_no_guess_is_too_far_and_no_load_is_none(name):
     rows = law(name).rows
     for near in (1e-12, 1e-6, 1.0, 1e6):
         depth, evaluations = statics.static_depth(
@@ -69,7 +65,7 @@ def test_no_guess_is_too_far_and_no_load_is_none(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "kind"), LAWS_ON_PAIRS)
-def test_at_rest_the_normal_force_carries_the_load(name: str, kind: str) -> None:
+def test_at_rest_the_normal_force_carries_the_load(name, kind):
     surfaces, rows = PAIRS[kind]().surfaces, law(name).rows
     height, depth, force, stiffness, damping, cosine, _ = statics.static_contact(
         surfaces, rows, 0.4, 900.0, statics.START_HEIGHT, 0.0, 0.0, statics.NO_LIMIT
@@ -91,7 +87,7 @@ def test_at_rest_the_normal_force_carries_the_load(name: str, kind: str) -> None
 
 @pytest.mark.parametrize("kind", PAIRS)
 @pytest.mark.parametrize("start", [0.04, 0.1, 3.0])
-def test_a_height_is_found_from_anywhere_above(kind: str, start: float) -> None:
+def test_a_height_is_found_from_anywhere_above(kind, start):
     surfaces = PAIRS[kind]().surfaces
     height = statics.height_at(surfaces, 0.6, 4e-4, start)
     assert touch(surfaces, 0.6, 0.0, height)[0] == pytest.approx(4e-4, abs=ROUNDING)

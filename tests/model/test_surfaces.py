@@ -3,8 +3,6 @@
 `python -m tests.model.test_surfaces 1000 7` compares so many random poses of every pair, by a seed.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import pickle
@@ -28,7 +26,7 @@ RADIUS, CUP_RADIUS, SLOPE = 0.034, 0.095, 0.07
 MECHANISM = parallel_mechanism()
 
 
-def measured(name: str, noise: float = 0.0) -> np.ndarray:
+def measured(name, noise=0.0):
     points = np.loadtxt(
         ROOT / "config" / f"{name}.csv", delimiter=",", comments=["#", "x"], unpack=True
     )
@@ -36,12 +34,12 @@ def measured(name: str, noise: float = 0.0) -> np.ndarray:
     return points + (shaken if name.startswith("femur") else shaken * [[0.0], [1.0]])
 
 
-def ellipse(points: int, a: float = RADIUS, b: float = 0.028) -> Profile:
+def ellipse(points, a=RADIUS, b=0.028):
     t = np.linspace(-np.pi - 0.9, 0.9, points)
     return Profile(a * np.cos(t), b * np.sin(t))
 
 
-def two_bumps(lean: float = 0.0, bump: float = 0.01) -> Profile:
+def two_bumps(lean=0.0, bump=0.01):
     x = np.linspace(-0.03, 0.03, 121)
     y = -0.03 + 200.0 * (x**2 - bump**2) ** 2 / bump
     return Profile(
@@ -49,7 +47,7 @@ def two_bumps(lean: float = 0.0, bump: float = 0.01) -> Profile:
     )
 
 
-def scenes() -> dict[str, tuple]:
+def scenes():
     """Every pair with what the brute force needs."""
     found = {}
     for noise in (0.0, 5e-5):
@@ -76,19 +74,19 @@ any_pair = pytest.mark.parametrize("name", SCENES)
 
 
 @cache
-def compiled() -> Callable[..., tuple[float, ...]]:
+def compiled():
     made: Callable[..., tuple[float, ...]] = compiler.numba_functions(
         closest, no_cpython_wrapper=False
     )
     return made
 
 
-def found_by(pair: ContactPair, angle: float, height: float) -> Closest:
+def found_by(pair, angle, height):
     """The same as `pair.closest`, bit for bit as a test below shows, but sooner."""
     return Closest(*compiled()(pair.surfaces, angle, pair.mechanism.translation(angle)[0], height))
 
 
-def height_for(pair: ContactPair, angle: float, depth: float) -> float:
+def height_for(pair, angle, depth):
     low, high = -0.05, 0.2
     for _ in range(30):
         middle = 0.5 * (low + high)
@@ -98,7 +96,7 @@ def height_for(pair: ContactPair, angle: float, depth: float) -> float:
     return low
 
 
-def poses(pair: ContactPair, number: int, seed: int = 7) -> list[tuple[float, float, float]]:
+def poses(pair, number, seed=7):
     """Angle [rad], x [m] and height [m]: from 30 mm apart to 3 mm deep."""
     rng = np.random.default_rng(seed)
     depths = np.where(
@@ -113,7 +111,7 @@ def poses(pair: ContactPair, number: int, seed: int = 7) -> list[tuple[float, fl
     ]
 
 
-def compared(name: str, some: list[tuple[float, float, float]]) -> float:
+def compared(name, some):
     """The largest error of the depth [m] in poses; the contact points are compared, too."""
     pair, femur, distance = SCENES[name]
     depths, feet = deepest(femur, distance, np.array(some))
@@ -128,7 +126,7 @@ def compared(name: str, some: list[tuple[float, float, float]]) -> float:
 
 
 @any_pair
-def test_depth_and_contact_point_against_brute_force(name: str) -> None:
+def test_depth_and_contact_point_against_brute_force(name):
     assert compared(name, poses(SCENES[name][0], 4 if "noisy" in name else 10)) < 1e-10
 
 
@@ -144,12 +142,12 @@ def test_depth_and_contact_point_against_brute_force(name: str) -> None:
         ("noisy femur_lateral plateau", 1.3271049680061464, 0.0201357366520232),
     ],
 )
-def test_the_nearest_of_many_bumps_is_found(name: str, angle: float, height: float) -> None:
+def test_the_nearest_of_many_bumps_is_found(name, angle, height):
     """Poses that were wrong: feet too coarse, one foot to a femoral point, steps that led to another bump."""
     assert compared(name, [(angle, MECHANISM.translation(angle)[0], height)]) < 1e-10
 
 
-def test_a_wrong_node_of_a_table_is_found() -> None:
+def test_a_wrong_node_of_a_table_is_found():
     pair, _, _ = SCENES["femur_medial plane"]
     cells = pair.surfaces.cells
     kept = cells[:, 1].copy()
@@ -168,7 +166,7 @@ def test_a_wrong_node_of_a_table_is_found() -> None:
 
 
 @any_pair
-def test_touch_is_closest_and_its_derivatives(name: str) -> None:
+def test_touch_is_closest_and_its_derivatives(name):
     pair, _, _ = SCENES[name]
     tables, step = pickle.loads(pickle.dumps(pair)).surfaces, 1e-6  # noqa: S301
     for angle, _, height in poses(pair, 6, seed=3):
@@ -190,7 +188,7 @@ def test_touch_is_closest_and_its_derivatives(name: str) -> None:
         assert slopes == pytest.approx([rate / 0.7, -found.normal_y], abs=2e-5)
 
 
-def test_compiled_gives_the_same_bits() -> None:
+def test_compiled_gives_the_same_bits():
     for pair, _, _ in SCENES.values():
         for angle, _, height in poses(pair, 5, seed=4):
             assert found_by(pair, angle, height) == pair.closest(angle, height)
@@ -198,7 +196,7 @@ def test_compiled_gives_the_same_bits() -> None:
 
 @pytest.mark.parametrize("angle", [-10.0, 3.0])
 @pytest.mark.parametrize("height", [30.0, 0.01, -0.1])
-def test_odd_poses_have_finite_answers(angle: float, height: float) -> None:
+def test_odd_poses_have_finite_answers(angle, height):
     for name in (
         "circle cup",
         "circle plateau",
@@ -208,10 +206,10 @@ def test_odd_poses_have_finite_answers(angle: float, height: float) -> None:
         assert np.isfinite(SCENES[name][0].closest(angle, height)).all()
 
 
-def test_splines_through_an_ellipse_converge_at_fourth_order() -> None:
+def test_splines_through_an_ellipse_converge_at_fourth_order():
     angles, (a, b) = np.radians(np.linspace(-10.0, 110.0, 97)).tolist(), (RADIUS, 0.028)
 
-    def exact(angle: float) -> tuple[float, float]:
+    def exact(angle):
         h = math.hypot(a * math.sin(angle), b * math.cos(angle))
         return h, (a * a - b * b) * math.sin(angle) * math.cos(angle) / h
 
@@ -230,7 +228,7 @@ def test_splines_through_an_ellipse_converge_at_fourth_order() -> None:
         ).surfaces
 
 
-def test_the_arc_goes_on_along_its_end_tangents() -> None:
+def test_the_arc_goes_on_along_its_end_tangents():
     side, up = math.sqrt(0.75), 0.5
     end = CUP_RADIUS * np.array([side, 1.0 - up])
     for along, across in itertools.product((0.0, 0.02, 3.0), (-0.005, 0.034)):
@@ -243,7 +241,7 @@ def test_the_arc_goes_on_along_its_end_tangents() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-4])
-def test_polynomials_are_the_support(noise: float) -> None:
+def test_polynomials_are_the_support(noise):
     profile = Profile(*measured("femur_lateral", noise))
     pair, edges = (
         ContactPair(profile, Plane(), hinge()),
@@ -265,7 +263,7 @@ def test_polynomials_are_the_support(noise: float) -> None:
         assert np.isnan(profile.on_plane.cells[: CELLS // 4, 0]).mean() < 0.12
 
 
-def kinks_between(pair: ContactPair, start: float, end: float) -> list[float]:
+def kinks_between(pair, start, end):
     found = []
     while not math.isnan(start := next_kink(pair.surfaces, start, end)):
         found.append(start)
@@ -273,7 +271,7 @@ def kinks_between(pair: ContactPair, start: float, end: float) -> list[float]:
 
 
 @pytest.mark.parametrize("lean", [-0.2, 0.0, 0.3])
-def test_two_equal_bumps_change_places_where_they_are_level(lean: float) -> None:
+def test_two_equal_bumps_change_places_where_they_are_level(lean):
     pair = ContactPair(two_bumps(lean), Plane(SLOPE), hinge())
     (kink,) = [one for one in kinks_between(pair, -0.6, 0.6) if abs(one - SLOPE + lean) < 0.1]
     assert kink == pytest.approx(SLOPE - lean, abs=1e-12)  # bisection to 1e-13, spline's rounding
@@ -286,7 +284,7 @@ def test_two_equal_bumps_change_places_where_they_are_level(lean: float) -> None
     assert any(abs(one - kink + math.tau) < 1e-9 for one in kinks_between(pair, -5.5, -7.0))
 
 
-def test_figures_that_the_solver_reads() -> None:
+def test_figures_that_the_solver_reads():
     for name, (pair, _, _) in SCENES.items():
         tables = pair.surfaces
         assert tables.non_convex == float(
@@ -318,12 +316,12 @@ def test_figures_that_the_solver_reads() -> None:
         ),
     ],
 )
-def test_surfaces_that_cannot_be_used_are_refused(made, words: str) -> None:
+def test_surfaces_that_cannot_be_used_are_refused(made, words):
     with pytest.raises(ValueError, match=words):
         made()
 
 
-def test_points_may_repeat_and_come_in_either_order() -> None:
+def test_points_may_repeat_and_come_in_either_order():
     x, y = measured("tibia_medial")
     backwards = x[::-1].repeat(2), y[::-1].repeat(2)
     there, back = (

@@ -1,7 +1,5 @@
 """Rows of answers, and their bytes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,7 @@ from tests.helpers.scenes import law, model
 
 
 @pytest.mark.parametrize("names", [("penetration_depth", "fidelity", "status"), FLAT.names])
-def test_numbers_are_read_out_of_a_rows_bytes(names: tuple[str, ...]) -> None:
+def test_numbers_are_read_out_of_a_rows_bytes(names):
     rows = blank_answers(1)
     for number, name in enumerate(FLAT.names or ()):
         rows.view(FLAT)[name] = number + 1
@@ -27,21 +25,21 @@ def test_numbers_are_read_out_of_a_rows_bytes(names: tuple[str, ...]) -> None:
     assert values == tuple(rows.view(FLAT)[name].item() for name in names)
 
 
-def test_a_blank_row_is_all_zeros_and_an_unknown_one_has_no_number() -> None:
+def test_a_blank_row_is_all_zeros_and_an_unknown_one_has_no_number():
     assert np.array_equal(blank_answers(2).view(np.uint8), np.zeros(2 * ROW.itemsize, np.uint8))
     rows = unknown_answers(2).view(FLAT)
     for name in FLAT.names or ():
         assert np.isnan(rows[name]).all() if FLAT[name].kind == "f" else (rows[name] == 0).all()
 
 
-def test_a_row_holds_the_bytes_of_its_messages() -> None:
+def test_a_row_holds_the_bytes_of_its_messages():
     """C aligns as CDR does, from any multiple of 8 B on; tests of the messages hold names and places to the .msg."""
     assert ROW.itemsize == FLAT.itemsize == ROW.itemsize // 8 * 8
     assert WRENCH_BYTES.start % 8 == 0
     assert (WRENCH_BYTES.stop - WRENCH_BYTES.start, MESSAGE_BYTES.start) == (48, 0)
 
 
-def test_an_answer_consists_of_numbers_as_declared_and_prints_their_names() -> None:
+def test_an_answer_consists_of_numbers_as_declared_and_prints_their_names():
     contact = model(law("kelvin_voigt")).stream().tick(0.0, 0.1, 800.0)
     assert (type(contact.status), type(contact.evaluations), type(contact.load)) == (
         int,

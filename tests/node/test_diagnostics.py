@@ -1,7 +1,5 @@
 """What is said of the inputs, of the stamps, of the answers and of being late."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +19,7 @@ MS = 1_000_000
 class Time:
     """A clock that goes where it is set, and a health that reads it."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch):
         self.now = 100.0
         self.age = 0.0
         """Age [s] of the stamps that come, by the system's clock"""
@@ -32,7 +30,7 @@ class Time:
         self.inputs: Any = (stream, stream)
         self.of({})
 
-    def of(self, parameters: dict[str, Any]) -> Health:
+    def of(self, parameters):
         """Health of a node with these parameters."""
         read, log = load_parameters(parameters), SimpleNamespace(warning=self.logged.append)
         self.paired = ContactPipeline(read, compiled=False)
@@ -42,35 +40,35 @@ class Time:
         self.health = Health(node, read, self.paired)
         return self.health
 
-    def feed(self, stamps: range, ahead: int = 0) -> None:
+    def feed(self, stamps, ahead=0):
         """Angles at stamps [ms], and forces with stamps that are so much later [ms]."""
         for stamp in stamps:
             self.push_angle(stamp)
             load = LoadSample((stamp + ahead) * MS, 1.0, 0.0, "")
             list(self.paired.synchroniser.push_load(load))
 
-    def push_angle(self, stamp: int) -> None:
+    def push_angle(self, stamp):
         """An angle at a stamp [ms]."""
         list(self.paired.synchroniser.push_angle(AngleSample(stamp * MS, 0.1)))
 
-    def receive(self, meter: InputMeter, number: int, period: float, age: float = 0.0) -> None:
+    def receive(self, meter, number, period, age=0.0):
         """Messages that come every period [s], with stamps so old [s]."""
         for _ in range(number):
             self.now += period
             self.age = age
             meter.count_message(0)
 
-    def answer(self, status: int = 0, duration: float = 1e-4) -> None:
+    def answer(self, status=0, duration=1e-4):
         """An answer that has come now."""
         self.health.counts.count_answer(0, status, duration, 0.0, self.health.parameters.deadline)
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
+def clock(monkeypatch):
     return Time(monkeypatch)
 
 
-def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
+def test_what_has_happened_to_the_stamps_is_said_once(clock):
     health = clock.health
     clock.feed(range(1000, 1100, 5))
     _, values, problem = health.pairing_entry(clock.inputs)
@@ -96,7 +94,7 @@ def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
     assert words == ["topic", "s"]  # 5 s lie between
 
 
-def test_a_pause_is_no_jump_of_a_clock(clock: Time) -> None:
+def test_a_pause_is_no_jump_of_a_clock(clock):
     health = clock.health
     clock.feed(range(0, 100, 5))
     clock.inputs[0].meter.longest_pause = 0.34
@@ -105,7 +103,7 @@ def test_a_pause_is_no_jump_of_a_clock(clock: Time) -> None:
     assert health.pairing_entry(clock.inputs)[2] == (WARN, told)
 
 
-def test_angles_slower_than_the_largest_gap_are_said(clock: Time) -> None:
+def test_angles_slower_than_the_largest_gap_are_said(clock):
     for stamp in range(0, 2000, 200):
         clock.push_angle(stamp)
         clock.push_angle(stamp)
@@ -113,7 +111,7 @@ def test_angles_slower_than_the_largest_gap_are_said(clock: Time) -> None:
     assert "joint_states comes every 0.20 s, and pairing.max_gap is 0.1 s: every answer" in told
 
 
-def test_sentences_name_the_users_topics(clock: Time) -> None:
+def test_sentences_name_the_users_topics(clock):
     health = clock.of({"knee.source": "exo/encoder", "load.source": "exo/ft"})
     clock.feed(range(0, 500, 5), ahead=150)
     (_, values, (_, told)) = health.pairing_entry(clock.inputs)
@@ -121,7 +119,7 @@ def test_sentences_name_the_users_topics(clock: Time) -> None:
     assert "jumps of exo/ft" in values
 
 
-def test_a_lag_counts_only_while_answers_come_and_after_the_start(clock: Time) -> None:
+def test_a_lag_counts_only_while_answers_come_and_after_the_start(clock):
     health = clock.health
     health.counts.start_timer()
     for wait, busy, told in ((1.0, True, False), (3.0, False, False), (1.0, True, True)):
@@ -135,9 +133,7 @@ def test_a_lag_counts_only_while_answers_come_and_after_the_start(clock: Time) -
 @pytest.mark.parametrize(
     ("ahead", "first", "second"), [(150, "states", "force"), (-150, "force", "states")]
 )
-def test_clocks_that_disagree_are_said_as_long_as_they_do(
-    clock: Time, ahead: int, first: str, second: str
-) -> None:
+def test_clocks_that_disagree_are_said_as_long_as_they_do(clock, ahead, first, second):
     clock.feed(range(0, 500, 5), ahead=ahead)
     for _ in range(2):
         _, _, (_, problem) = clock.health.pairing_entry(clock.inputs)
@@ -145,7 +141,7 @@ def test_clocks_that_disagree_are_said_as_long_as_they_do(
         assert f"lie 0.150 s behind those of joint_{second}" in problem.replace("reaction_", "")
 
 
-def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Time) -> None:
+def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock):
     health = clock.of({"pairing.queue": 100})
     lost, wait = (
         "30 angles are not recorded: more of them than pairing.queue came without a force; ",
@@ -163,7 +159,7 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Ti
     assert values["angles not recorded"] == "30"
 
 
-def test_a_late_timer_shows_its_lag(clock: Time) -> None:
+def test_a_late_timer_shows_its_lag(clock):
     health = clock.of({"pairing.wait": 0.5})  # looks every 0.125 s
     late, waits = [], [0.0, 0.375, 0.125, 0.75, 0.125, 0.0625]
     for later in waits:
@@ -175,7 +171,7 @@ def test_a_late_timer_shows_its_lag(clock: Time) -> None:
     assert clock.logged == ["the node is behind by up to 250 ms"]
 
 
-def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
+def test_an_input_is_judged_by_what_it_was_asked_for(clock):
     """Not received, rate low, silent, timeout: levels as other topic monitors have them."""
     meter = InputMeter(warn_rate=90.0, error_rate=40.0, max_gap=0.1, timeout=1.0)
     clock.now += 0.5
@@ -197,7 +193,7 @@ def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
         assert meter.report_rate()[1] == problem
 
 
-def test_messages_and_ages_are_counted_without_pauses_of_the_node(clock: Time) -> None:
+def test_messages_and_ages_are_counted_without_pauses_of_the_node(clock):
     meter = InputMeter()
     clock.receive(meter, 3, 0.01)
     meter.count_message(None)
@@ -211,8 +207,8 @@ def test_messages_and_ages_are_counted_without_pauses_of_the_node(clock: Time) -
 
 
 @pytest.mark.parametrize("bit", [bit for bit in Status if bit])
-def test_usable_is_said_of_the_newest_answer(bit: Status, clock: Time) -> None:
-    def said() -> tuple[str, str, bytes]:
+def test_usable_is_said_of_the_newest_answer(bit, clock):
+    def said():
         _, values, (level, _) = clock.health.usability_entry()
         return values["usable"], values["because"], level
 

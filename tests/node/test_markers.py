@@ -1,7 +1,5 @@
 """Markers for RViz: they are where the answer says. What the node publishes: `tests/ros/test_streams.py`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -10,7 +8,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
-from knee_contact_ros.model.types import Contact, ContactState
+from knee_contact_ros.model.types import ContactState
 from knee_contact_ros.node.marker_topic import METRES_PER_NEWTON, KneeMarkers
 from knee_contact_ros.streams.topics import typestore
 from knee_contact_ros.view.anatomy import PLATEAU_REACH, outlines_of
@@ -32,7 +30,7 @@ FEMUR, TIBIA, POINT, FORCE = (
 )
 
 
-def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]:
+def read(markers, frame_id, answer):
     data = markers.encode_markers(answer.stamp, frame_id, [answer.tobytes()])
     message: Any = typestore().deserialize_cdr(data, "visualization_msgs/msg/MarkerArray")
     assert {marker.header.frame_id for marker in message.markers} == {frame_id}
@@ -43,7 +41,7 @@ def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]
 @pytest.mark.parametrize("mechanism", MECHANISMS)
 @pytest.mark.parametrize("tibia", TIBIAL_GEOMETRIES)
 @pytest.mark.parametrize("femur", GEOMETRIES)
-def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechanism: str) -> None:
+def test_surfaces_meet_as_deep_as_the_answer_says(femur, tibia, mechanism):
     names = {"femur.geometry": femur, "tibia.geometry": tibia, "translation.mechanism": mechanism}
     slope = {"tibia.slope": 0.1} if tibia == "plane" else {}
     model = knee_contact_ros.load_model(FILES | names | slope)
@@ -83,7 +81,7 @@ def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechan
             assert markers[FORCE].action == 2
 
 
-def test_colour_shows_the_state_and_a_pull_points_the_other_way() -> None:
+def test_colour_shows_the_state_and_a_pull_points_the_other_way():
     knee = KneeMarkers([outlines_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     for state in ContactState:
         colour = read(knee, "tibia", contact(contact_state=int(state)))[POINT].color
@@ -97,7 +95,7 @@ def test_colour_shows_the_state_and_a_pull_points_the_other_way() -> None:
     assert end - begin == pytest.approx([0.0, -1e-3, 0.0])
 
 
-def test_nothing_is_left_of_the_answer_before() -> None:
+def test_nothing_is_left_of_the_answer_before():
     """One message is written over again and again, in other frames too."""
     markers = KneeMarkers([outlines_of(knee_contact_ros.load_model({}), "knee", 700.0)])
     apart = {

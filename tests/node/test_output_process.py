@@ -1,22 +1,18 @@
 """Sinks in processes of their own: what was sent is kept, and nothing that happens to them is felt by the sender."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re
 import signal
 import time
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
 from knee_contact_ros.node.output_process import SLICE
-from knee_contact_ros.node.outputs import BATCH, SinkProcess, size_of
+from knee_contact_ros.node.outputs import BATCH, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
@@ -32,7 +28,6 @@ from tests.helpers.patience import wait_until
 from tests.helpers.sinks import (
     NOTHING_LEFT,
     MayWait,
-    Started,
     close,
     pid,
     put,
@@ -43,9 +38,7 @@ from tests.helpers.sinks import (
 )
 
 
-def test_a_batch_is_sent_however_long_answers_are_gathered(
-    started: Started, tmp_path: Path
-) -> None:
+def test_a_batch_is_sent_however_long_answers_are_gathered(started, tmp_path):
     """A small queue would be full before; the first answers may be sent while the process begins."""
     sink = started.begun(
         recording(tmp_path / "knee.mcap")._replace(gather=1e4), True, MayWait(2 * BATCH, 1.0)
@@ -57,9 +50,7 @@ def test_a_batch_is_sent_however_long_answers_are_gathered(
 
 
 @needs_viewer
-def test_an_output_that_exists_is_left_alone_and_names_go_on(
-    started: Started, tmp_path: Path
-) -> None:
+def test_an_output_that_exists_is_left_alone_and_names_go_on(started, tmp_path):
     for name in ("knee.mcap", "knee_1.mcap.partial", "knee.rrd", "other.rrd.partial"):
         (tmp_path / name).write_text("earlier")
     sink, picture = started.recorder(tmp_path / "knee.mcap"), started.viewer(tmp_path / "knee.rrd")
@@ -89,10 +80,8 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(
     )
 
 
-def test_a_process_that_does_not_start_is_told(
-    started: Started, tmp_path: Path, monkeypatch: Any
-) -> None:
-    def words(happens: Callable[[SinkProcess], None] = lambda sink: None) -> str:
+def test_a_process_that_does_not_start_is_told(started, tmp_path, monkeypatch):
+    def words(happens=lambda sink: None):
         sink = started.recorder(tmp_path / "out.mcap", wait=False)
         happens(sink)
         sink.wait_until_known()
@@ -122,7 +111,7 @@ def test_a_process_that_does_not_start_is_told(
 
 
 @needs_viewer
-def test_a_stalled_viewer_drops_and_counts_new_answers(started: Started, tmp_path: Path) -> None:
+def test_a_stalled_viewer_drops_and_counts_new_answers(started, tmp_path):
     sink = started.viewer(tmp_path / "knee.rrd", queue=MayWait(500))
     os.kill(pid(sink), signal.SIGSTOP)
     number = backlog = 0
@@ -145,7 +134,7 @@ def test_a_stalled_viewer_drops_and_counts_new_answers(started: Started, tmp_pat
 
 
 @pytest.mark.parametrize("joints", [1, 100])
-def test_queued_answers_take_the_memory_that_is_counted(joints: int) -> None:
+def test_queued_answers_take_the_memory_that_is_counted(joints):
     """As answers come from the pipeline, within a third; what is counted is what `record.queue_size` limits."""
     pipeline, names = (
         ContactPipeline(load_parameters({}), compiled=True),
@@ -159,7 +148,7 @@ def test_queued_answers_take_the_memory_that_is_counted(joints: int) -> None:
         inputs.append((encode_joint_state(angle), encode_wrench_stamped(force)))
     waiting: list[TickOutput] = []
 
-    def wait_for_answers(angle: bytes, force: bytes) -> None:
+    def wait_for_answers(angle, force):
         answers = [*pipeline.push_joint_state(angle), *pipeline.push_force(force)]
         waiting.extend(
             [TickOutput.of(each.rows_with_latency(1e-4), each.records()) for each in answers]
@@ -181,9 +170,7 @@ def test_queued_answers_take_the_memory_that_is_counted(joints: int) -> None:
 
 @pytest.mark.parametrize("number", [10, 5000])  # more than the socket takes
 @pytest.mark.parametrize("is_open", [True, False])
-def test_a_stalled_process_does_not_delay_the_end(
-    started: Started, tmp_path: Path, is_open: bool, number: int
-) -> None:
+def test_a_stalled_process_does_not_delay_the_end(started, tmp_path, is_open, number):
     sink = started.recorder(tmp_path / "out.mcap", wait=is_open)
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(number))
@@ -206,9 +193,7 @@ def test_a_stalled_process_does_not_delay_the_end(
 
 
 @needs_viewer
-def test_a_sink_process_is_lean_and_ends_on_request_only(
-    started: Started, tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_a_sink_process_is_lean_and_ends_on_request_only(started, tmp_path, monkeypatch):
     """Neither files in the working folder, which stand in for no libraries, nor signals to all processes end it."""
     monkeypatch.chdir(tmp_path)
     for name in ("mcap", "queue", "knee_contact_ros"):
@@ -244,9 +229,7 @@ def test_a_sink_process_is_lean_and_ends_on_request_only(
     close(viewer)
 
 
-def test_answers_that_a_full_disk_keeps_out_of_the_file_are_counted(
-    started: Started, tmp_path: Path
-) -> None:
+def test_answers_that_a_full_disk_keeps_out_of_the_file_are_counted(started, tmp_path):
     """They were handed to the process, which could not write them."""
     sink = started.begun(recording(tmp_path / "knee.mcap"), True)
     put(sink, range(BATCH))

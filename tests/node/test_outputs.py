@@ -1,11 +1,7 @@
 """What parameters ask of the outputs, in SI units and bytes."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -16,10 +12,10 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import OPEN, STARTING, RecordedKnee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.sinks import MayWait, Started, answer, close, recorded_ticks
+from tests.helpers.sinks import MayWait, answer, close, recorded_ticks
 
 
-def described(**parameters: Any) -> RecordedKnee:
+def described(**parameters):
     """A knee that outputs are described from."""
     read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
     return RecordedKnee(
@@ -52,9 +48,7 @@ OFF = dict.fromkeys(("sync_period", "max_size", "max_duration", "min_free"), 0.0
         ),
     ],
 )
-def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
-    tmp_path: Path, asked: dict[str, float], expected: RecorderSettings
-) -> None:
+def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path, asked, expected):
     """What is 0 is off: without a limit."""
     path = str(tmp_path / "out.mcap")
     sink = sink_of(
@@ -66,7 +60,7 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
     assert sink.arguments[1:4] == ({"version": "1"}, ABSOLUTE_NAMES, expected)
 
 
-def test_a_snapshot_is_no_larger_than_the_queue(started: Started, tmp_path: Path) -> None:
+def test_a_snapshot_is_no_larger_than_the_queue(started, tmp_path):
     ring = Ring(1e3, 10**6, 1e6)
     for number in range(3000):
         ring.put_item(answer(number))
@@ -81,7 +75,7 @@ def test_a_snapshot_is_no_larger_than_the_queue(started: Started, tmp_path: Path
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))
 
 
-def test_a_recording_that_is_not_open_yet_is_named() -> None:
+def test_a_recording_that_is_not_open_yet_is_named():
     outputs, states = Outputs(knee := described(), None), {"a": STARTING, "b": OPEN}
     outputs._ending = [
         SimpleNamespace(name=each, state=states[each], failure="") for each in states

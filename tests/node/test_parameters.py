@@ -1,7 +1,5 @@
 """What tools are told of a parameter."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -38,7 +36,7 @@ LIMITS_OF_OTHERS = {
 
 
 @pytest.mark.parametrize("name", known_parameters())
-def test_every_number_has_a_range_and_every_choice_a_list(name: str) -> None:
+def test_every_number_has_a_range_and_every_choice_a_list(name):
     declaration = known_parameters()[name]
     descriptor = described(name, declaration)
     assert descriptor.description
@@ -52,7 +50,7 @@ def test_every_number_has_a_range_and_every_choice_a_list(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(known_parameters()) - LIMITS_OF_OTHERS))
-def test_a_range_is_that_of_the_check(name: str) -> None:
+def test_a_range_is_that_of_the_check(name):
     """Its ends are allowed, or the descriptor says that they are not; what lies beyond never is."""
     descriptor = described(name, known_parameters()[name])
     for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
@@ -72,9 +70,7 @@ def test_a_range_is_that_of_the_check(name: str) -> None:
     ("given", "told"),
     [((12.0, 9.3014), []), ((9.3014, 12.0), [12.0]), ((12.0, 13.0), [13.0]), ((9.3014,), [])],
 )
-def test_of_a_value_that_is_set_twice_at_once_the_last_one_counts(
-    given: tuple[float, ...], told: list[float]
-) -> None:
+def test_of_a_value_that_is_set_twice_at_once_the_last_one_counts(given, told):
     values = {"femur.mass": Parameter("femur.mass", value=9.3014)}
     node: Any = SimpleNamespace(get_parameters_by_prefix=lambda _: values)
     for name in (

@@ -1,9 +1,6 @@
 """A live answer: its messages come first, its latency counts from the arrival of the force, and it is counted."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -32,13 +29,13 @@ FORCE = encode_wrench_stamped(WrenchStamped(0, "tibia", (0.0, -900.0, 0.0), (0.0
 
 
 @pytest.fixture
-def acts(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def acts(monkeypatch):
     """What sessions do, in order: topics that they publish, and what they put into the outputs."""
     monkeypatch.setattr("time.perf_counter", lambda: PUBLISHED)
     return []
 
 
-def session_of(kind: Any, pipeline: Any, acts: list[Any], **more: Any) -> Any:
+def session_of(kind, pipeline, acts, **more):
     """A session that publishes and records into a list."""
     session = kind.__new__(kind)
     vars(session).update(
@@ -51,12 +48,12 @@ def session_of(kind: Any, pipeline: Any, acts: list[Any], **more: Any) -> Any:
     return session
 
 
-def answers_of(pipeline: Any) -> list[Any]:
+def answers_of(pipeline):
     return [*pipeline.push_joint_state(STATE), *pipeline.push_force(FORCE, ARRIVED)]
 
 
 @pytest.mark.parametrize("compartments", ["fixed_share", "both"])
-def test_a_contact_is_published_before_it_is_recorded(acts: list[Any], compartments: str) -> None:
+def test_a_contact_is_published_before_it_is_recorded(acts, compartments):
     values = {"load.compartment": compartments}
     pipeline = ContactPipeline(load_parameters(values), compiled=False)
     number = len(pipeline.compartments)
@@ -83,7 +80,7 @@ def test_a_contact_is_published_before_it_is_recorded(acts: list[Any], compartme
     assert counts.missed == counts.by_status.total() == 1
 
 
-def test_an_estimate_is_handed_over_first_and_its_latency_is_counted(acts: list[Any]) -> None:
+def test_an_estimate_is_handed_over_first_and_its_latency_is_counted(acts):
     pipeline = LoadPipeline(load_parameters({}, LoadParameters))
     takers = HandedInputs(HandOver(), HandOver())
     takers.forces.taker = acts.append

@@ -1,7 +1,5 @@
 """Why an input is silent: the sentence names what is there, and a line that the node then accepts."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
@@ -19,14 +17,14 @@ from knee_contact_ros.streams.conversion import converters
 OTHERS = {"/rosout": {"rcl_interfaces/msg/Log"}, "/tf": set[str]()}
 
 
-def reason_for_force(graph: dict[str, set[str]], topic: str = "ft") -> str:
+def reason_for_force(graph, topic="ft"):
     source = source_of(topic, WRENCH_STAMPED_TYPE)
     return reason_of_silence(
         "load.source", source, f"/{topic}", JOINT_STATE_TYPE, 0, OTHERS | graph
     )
 
 
-def reason_for_angle(graph: dict[str, set[str]], joints: int = 1) -> str:
+def reason_for_angle(graph, joints=1):
     source = source_of("joint_states", JOINT_STATE_TYPE)
     return reason_of_silence(
         "knee.source", source, "/joint_states", WRENCH_STAMPED_TYPE, joints, OTHERS | graph
@@ -47,9 +45,7 @@ def reason_for_angle(graph: dict[str, set[str]], joints: int = 1) -> str:
         ("sensor_msgs/msg/Range", None),
     ],
 )
-def test_another_type_of_force_is_named_with_a_line_that_works(
-    kind: str, line: str | None
-) -> None:
+def test_another_type_of_force_is_named_with_a_line_that_works(kind, line):
     text = reason_for_force({"/ft": {kind}})
     assert (
         f"{kind} is published there, and not {WRENCH_STAMPED_TYPE}; write load.source: ft " in text
@@ -66,26 +62,26 @@ def test_another_type_of_force_is_named_with_a_line_that_works(
     converters(load_parameters({"load.source": value}), installed_types)
 
 
-def test_an_encoder_of_one_number_is_named_with_its_line() -> None:
+def test_an_encoder_of_one_number_is_named_with_its_line():
     text = reason_for_angle({"/joint_states": {"std_msgs/msg/Float64"}})
     assert text.endswith("write knee.source: joint_states std_msgs/Float64 data on arrival")
     assert "FIELD" in reason_for_angle({"/joint_states": {"std_msgs/msg/Float64"}}, joints=2)
 
 
-def test_what_cannot_be_read_is_said() -> None:
+def test_what_cannot_be_read_is_said():
     assert reason_for_force({"/ft": {"exo_msgs/msg/Force"}}).endswith(
         "and the ROS 2 package exo_msgs is not installed here"
     )
     assert reason_for_force({"/ft": {"std_msgs/msg/String"}}).endswith("that type has no number")
 
 
-def test_swapped_topics_are_said() -> None:
+def test_swapped_topics_are_said():
     swapped = "the type of the other input: are the two swapped?"
     assert swapped in reason_for_force({"/ft": {JOINT_STATE_TYPE}})
     assert swapped in reason_for_angle({"/joint_states": {WRENCH_STAMPED_TYPE}})
 
 
-def test_a_misspelt_name_is_told_the_right_one() -> None:
+def test_a_misspelt_name_is_told_the_right_one():
     one = {"/exo/ft": {WRENCH_STAMPED_TYPE}}
     assert reason_for_force(one).endswith("is on /exo/ft: write load.source: /exo/ft")
     two = one | {"/exo/left_ft": {WRENCH_STAMPED_TYPE}}
@@ -96,7 +92,7 @@ def test_a_misspelt_name_is_told_the_right_one() -> None:
     assert reason_for_force({}).endswith("nobody publishes that type")
 
 
-def test_right_types_and_an_empty_graph() -> None:
+def test_right_types_and_an_empty_graph():
     assert reason_for_force({"/ft": {WRENCH_STAMPED_TYPE}}) == ""
     source = source_of("humans/*/ft", WRENCH_STAMPED_TYPE)
     arguments = "load.source", source, "/humans/*/ft", JOINT_STATE_TYPE, 0

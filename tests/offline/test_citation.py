@@ -1,9 +1,6 @@
 """What is cited of a bag."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 
@@ -21,12 +18,12 @@ from knee_contact_ros.system.errors import UsageError
 from tests.helpers.walking import walk, walking_bag
 
 
-def cited(bag: Path) -> dict[str, str]:
+def cited(bag):
     with Bag(bag) as opened:
         return citation(opened)
 
 
-def solved(bag: Path, output: Path, params: str = "healthy", **values: object) -> dict[str, str]:
+def solved(bag, output, params="healthy", **values):
     with Bag(bag) as opened:
         basis = basis_of(
             opened,
@@ -38,9 +35,7 @@ def solved(bag: Path, output: Path, params: str = "healthy", **values: object) -
     return cited(output)
 
 
-def test_a_recording_names_software_model_law_surfaces_and_load(
-    right_bag: Path, tmp_path: Path
-) -> None:
+def test_a_recording_names_software_model_law_surfaces_and_load(right_bag, tmp_path):
     parts = solved(right_bag, tmp_path / "a.mcap", body_weight=700.0, contact__damping=4000.0)
     assert f"knee_contact_ros {__version__}," in parts["software"]
     assert "Acta Mechanica et Automatica, article 219102" in parts["model"]
@@ -55,9 +50,7 @@ def test_a_recording_names_software_model_law_surfaces_and_load(
     assert parts["input"].startswith("gait2354_right;")
 
 
-def test_files_of_surfaces_and_shares_are_cited_from_the_recording(
-    right_bag: Path, tmp_path: Path
-) -> None:
+def test_files_of_surfaces_and_shares_are_cited_from_the_recording(right_bag, tmp_path):
     parts = solved(
         right_bag,
         tmp_path / "a.mcap",
@@ -82,12 +75,12 @@ def test_files_of_surfaces_and_shares_are_cited_from_the_recording(
 
 
 @pytest.mark.parametrize("law", CONTACT_LAWS)
-def test_every_law_has_a_source(law: str) -> None:
+def test_every_law_has_a_source(law):
     text = law_text(load_parameters({"contact.law": law}))
     assert re.search(r"Source: (the model's paper, Eqs?\. \d+|.*doi:10\.\d{4}/\S*\w$)", text), text
 
 
-def test_a_stiffness_from_the_material_and_a_departure_from_the_paper_are_told() -> None:
+def test_a_stiffness_from_the_material_and_a_departure_from_the_paper_are_told():
     values = {"contact.law": "two_layer_viscoelastic", "contact.stiffness_from": "material"}
     text = law_text(load_parameters(values))
     radius = 1.0 / (1.0 / 0.034 - 1.0 / 0.095)
@@ -99,9 +92,7 @@ def test_a_stiffness_from_the_material_and_a_departure_from_the_paper_are_told()
     assert "in the first layer, too, which the paper has not" in damped
 
 
-def test_an_estimated_load_and_an_imported_gait(
-    right_bag: Path, sensors_bag: Path, tmp_path: Path
-) -> None:
+def test_an_estimated_load_and_an_imported_gait(right_bag, sensors_bag, tmp_path):
     assert "OpenSim 4.6" in cited(right_bag)["gait"]
     output = tmp_path / "load.mcap"
     with Bag(sensors_bag) as opened:
@@ -116,7 +107,7 @@ def test_an_estimated_load_and_an_imported_gait(
     assert "model" not in parts
 
 
-def test_changes_while_it_was_recorded_are_told(right_bag: Path, tmp_path: Path) -> None:
+def test_changes_while_it_was_recorded_are_told(right_bag, tmp_path):
     solved(right_bag, tmp_path / "a.mcap")
     with Bag(tmp_path / "a.mcap") as bag:
         assert "changes" not in citation(bag)
@@ -127,12 +118,12 @@ def test_changes_while_it_was_recorded_are_told(right_bag: Path, tmp_path: Path)
         )
 
 
-def test_a_bag_that_says_nothing_is_refused(tmp_path: Path) -> None:
+def test_a_bag_that_says_nothing_is_refused(tmp_path):
     with pytest.raises(UsageError, match="does not say how it was made"):
         cited(walking_bag(tmp_path / "walk.mcap", walk()))
 
 
-def test_only_the_comment_at_the_top_is_repeated() -> None:
+def test_only_the_comment_at_the_top_is_repeated():
     assert comment_of("# one\n#  two\nx,y\n# three\n") == "one two"
     assert comment_of("x,y\n") == "its file does not say where it comes from"
     assert len(comment_of("# " + "word " * 10_000)) < 1000

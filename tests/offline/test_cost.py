@@ -3,15 +3,12 @@
 The limits are what was counted when they were set, and a fiftieth more. One that is lowered or raised says so here.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np
 import pytest
 
 from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.system.files import share_folder
@@ -35,22 +32,22 @@ before a doubtful load and a clock that is wrong for good were flagged (9f2c254 
 
 
 @pytest.mark.parametrize("name", EVALUATIONS)
-def test_a_gait_takes_no_more_evaluations(name: str) -> None:
+def test_a_gait_takes_no_more_evaluations(name):
     counted: list[int] = []
 
-    def keep(block: AnswerBlock) -> None:
+    def keep(block):
         counted.extend(int(part["evaluations"].sum()) for part in block.rows)
 
     solve(BAG, load_parameters(["healthy", name]), None, keep=keep)
     assert 0.5 * EVALUATIONS[name] < sum(counted) <= ALLOWED * EVALUATIONS[name]
 
 
-def test_a_live_sample_takes_no_more_calls() -> None:
+def test_a_live_sample_takes_no_more_calls():
     stream = ContactPipeline(load_parameters("healthy"), compiled=True)
     leg = DrawnLeg()
     calls: list[int] = []
 
-    def on_event(_frame: object, event: str, _argument: object) -> None:
+    def on_event(_frame, event, _argument):
         calls[-1] += event in ("call", "c_call")
 
     for message in raw_messages(BAG):

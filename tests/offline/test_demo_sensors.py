@@ -1,7 +1,5 @@
 """What the demo from sensors puts into the joint states, and how it compares contacts; it itself: `tests/ros`."""
 
-from __future__ import annotations
-
 import pytest
 
 from knee_contact_ros.parameters.files import load_parameters
@@ -16,9 +14,7 @@ from knee_contact_ros.commands.demo import with_assistance
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("effort", [(), (7.0, 8.0)])
-def test_an_extending_torque_reaches_the_estimator_as_one(
-    sign: float, effort: tuple[float, ...]
-) -> None:
+def test_an_extending_torque_reaches_the_estimator_as_one(sign, effort):
     parameters = load_parameters({"knee.sign": sign, "knee.assisted": True}, LoadParameters)
     data = encode_joint_state(JointState(5, "", ("hip", "knee"), (0.1, 0.2), (), effort))
     message = decode_joint_state(with_assistance(data, parameters.knee, 6.0))

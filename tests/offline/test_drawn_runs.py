@@ -1,9 +1,6 @@
 """What `solve` makes of recordings of drawn runs: the bits of the node, also its flags of clocks and publishers."""
 
-from __future__ import annotations
-
 import random
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +8,7 @@ from studies.drawn_runs import differences
 
 
 @pytest.mark.parametrize("seed", range(0, 200, 20))
-def test_live_and_offline_are_equal_in_drawn_runs(tmp_path: Path, seed: int) -> None:
+def test_live_and_offline_are_equal_in_drawn_runs(tmp_path, seed):
     for each in range(seed, seed + 20):
         folder = tmp_path / str(each)
         folder.mkdir()

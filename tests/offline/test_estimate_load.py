@@ -1,10 +1,5 @@
 """A bag of a leg's sensors to joint reactions, offline: what is written, what goes on from there, what is refused."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,7 +10,6 @@ from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, FileLimits
 from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.output import SOURCE_DAMAGE
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
@@ -37,7 +31,7 @@ REACTION, ESTIMATE = list(TYPES)[2:]
 WALK = walk()
 
 
-def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> LoadSummary:
+def estimate(bag, output, values=None, **how):
     return estimate_load(
         bag,
         load_parameters(WHOLE_LEG if values is None else values, LoadParameters),
@@ -46,30 +40,30 @@ def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> 
     )
 
 
-def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
+def raw(path, types=TYPES):
     return raw_messages(path, types)
 
 
-def metadata(path: Path) -> dict[str, dict[str, str]]:
+def metadata(path):
     with Bag(path) as bag:
         return dict(bag.metadata)
 
 
 @pytest.fixture(scope="module")
-def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def walking(tmp_path_factory):
     """A bag of a walking leg."""
     return walking_bag(tmp_path_factory.mktemp("walk") / "walk.mcap", WALK)
 
 
 @pytest.fixture(scope="module")
-def estimated(walking: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def estimated(walking, tmp_path_factory):
     """What is made of it with all that it tells."""
     output = tmp_path_factory.mktemp("estimated") / "load.mcap"
     estimate(walking, output)
     return output
 
 
-def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path) -> None:
+def test_the_recording_holds_inputs_and_estimates(walking, estimated):
     messages = raw(estimated)
     assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
     assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
@@ -98,9 +92,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     )
 
 
-def test_impossible_angles_are_reported_once(
-    walking: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_impossible_angles_are_reported_once(walking, capsys):
     output = walking.with_name("bent.mcap")
     bent = "--params load/inverse_dynamics -p knee.offset:=5.0"
     assert run(f"estimate-load {walking} {bent} --output {output}") == 0
@@ -109,7 +101,7 @@ def test_impossible_angles_are_reported_once(
         knee_contact_ros.estimate_load(walking, WHOLE_LEG, {"knee.offset": 5.0})
 
 
-def test_the_recording_has_its_provenance(walking: Path, estimated: Path) -> None:
+def test_the_recording_has_its_provenance(walking, estimated):
     said = metadata(estimated)[LOAD_PROVENANCE]
     assert (said["level"], said["source"], said["ticks_before"]) == (
         "ankle_moment",
@@ -122,7 +114,7 @@ def test_the_recording_has_its_provenance(walking: Path, estimated: Path) -> Non
     assert read_provenance(estimated) is None  # it is none of a contact
 
 
-def test_the_estimate_can_be_solved(estimated: Path, tmp_path: Path) -> None:
+def test_the_estimate_can_be_solved(estimated, tmp_path):
     summary = solve(estimated, load_parameters({}), tmp_path / "contact.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
     kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
@@ -148,7 +140,7 @@ def test_the_estimate_can_be_solved(estimated: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(by_hand[firm], found.penetration_depth[firm], rtol=0.15)
 
 
-def test_contacts_of_a_doubtful_load_are_flagged(tmp_path: Path) -> None:
+def test_contacts_of_a_doubtful_load_are_flagged(tmp_path):
     """A foot that bears nothing throughout is no walk, from 3 s on; a ground that pulls is none at once."""
     loads, contact = tmp_path / "loads.mcap", tmp_path / "contact.mcap"
     for force, begins in ((0.0, 3 * 10**9), (-400.0, -1)):
@@ -179,7 +171,7 @@ def test_contacts_of_a_doubtful_load_are_flagged(tmp_path: Path) -> None:
         (tmp_path / "still.mcap").unlink()
 
 
-def test_a_split_estimate_can_be_solved(tmp_path: Path) -> None:
+def test_a_split_estimate_can_be_solved(tmp_path):
     """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
     pipeline, folder = LoadPipeline(load_parameters({}, LoadParameters)), tmp_path / "parts"
     record = provenance_record(load_parameters({}, LoadParameters))
@@ -202,9 +194,7 @@ def test_a_split_estimate_can_be_solved(tmp_path: Path) -> None:
     assert raw(tmp_path / "again.mcap") == raw(folder)
 
 
-def test_a_damaged_bag_is_read_as_far_as_it_can_be(
-    walking: Path, estimated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_bag_is_read_as_far_as_it_can_be(walking, estimated, tmp_path, capsys):
     cut = tmp_path / "cut.mcap"
     long = walking_bag(tmp_path / "long.mcap", walk(3000, MS))
     cut.write_bytes(long.read_bytes()[: 2 * long.stat().st_size // 3])

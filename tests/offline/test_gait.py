@@ -1,7 +1,5 @@
 """Strides and cycles of answers as tables; and what of a difference between laws is none of the knees."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ STRIDES = 6
 LEVEL = 0.95
 
 
-def walk(law: str, speed: float, force: float) -> Gait:
+def walk(law, speed, force):
     """Strides of a made-up walk at a part of the shipped gait's speed and load; steps of strides vary a little."""
     stamps, angle, load = walking(200.0, (STRIDES + 1.5) * STRIDE)
     rng = np.random.default_rng(3)
@@ -31,9 +29,7 @@ def walk(law: str, speed: float, force: float) -> Gait:
 @pytest.mark.parametrize(
     ("speed", "force", "reaches_bone"), [(0.7, 0.45, False), (1.0, 1.0, True)]
 )
-def test_a_difference_is_told_where_bone_is_reached_and_nowhere_else(
-    speed: float, force: float, reaches_bone: bool
-) -> None:
+def test_a_difference_is_told_where_bone_is_reached_and_nowhere_else(speed, force, reaches_bone):
     """The shipped arthritic knee above bone is the healthy one: no loading rate, force or depth differs."""
     healthy, worn = (
         walk(law, speed, force).strides(BODY_WEIGHT) for law in ("healthy", "osteoarthritis")
@@ -49,7 +45,7 @@ def test_a_difference_is_told_where_bone_is_reached_and_nowhere_else(
     assert (worn.ringing == 0.0).all()
 
 
-def test_as_printed_the_same_walk_shows_a_difference_that_its_ringing_covers() -> None:
+def test_as_printed_the_same_walk_shows_a_difference_that_its_ringing_covers():
     healthy, printed = (
         walk(law, 0.7, 0.45).strides(BODY_WEIGHT)
         for law in ("healthy", "osteoarthritis_as_printed")
@@ -62,7 +58,7 @@ def test_as_printed_the_same_walk_shows_a_difference_that_its_ringing_covers() -
     ).all()
 
 
-def test_cycles_are_the_answers_at_percents_of_cycle_and_stance() -> None:
+def test_cycles_are_the_answers_at_percents_of_cycle_and_stance():
     gait = solve("bags/gait2354_right")
     (stride,) = gait.strides().itertuples()
     cycles, stance = gait.cycles(), gait.cycles(11, of="stance")
@@ -103,13 +99,11 @@ def test_cycles_are_the_answers_at_percents_of_cycle_and_stance() -> None:
         ({"contact.law": "hertz", "drive": "displacement"}, False),
     ],
 )
-def test_laws_with_a_layer_that_is_hardly_damped_ring(
-    values: dict[str, object], rings: bool
-) -> None:
+def test_laws_with_a_layer_that_is_hardly_damped_ring(values, rings):
     assert (damped(load_model(values)) is not None) == rings
 
 
-def test_solve_tells_the_newtons_of_a_recorded_gait() -> None:
+def test_solve_tells_the_newtons_of_a_recorded_gait():
     with pytest.warns(
         UserWarning, match=r"rings by up to 38\.8 N: loading rate and largest force"
     ):
@@ -121,7 +115,7 @@ def test_solve_tells_the_newtons_of_a_recorded_gait() -> None:
     assert not worn.ringing.any()
 
 
-def test_paired_differences_are_students() -> None:
+def test_paired_differences_are_students():
     import pandas as pd
 
     first = pd.DataFrame({"depth": [1.0, 2.0, 4.0, np.nan], "name": [*"abcd"]})

@@ -1,7 +1,5 @@
 """`solve` and `estimate_load` of Python: the answers of the commands of these names, bit for bit, and their options."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,7 @@ from tests.helpers.offline import estimate_load
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 
-def told(rows: Any) -> list[bytes]:
+def told(rows):
     """All that the message tells of answers, as bytes."""
     flat = np.asarray(rows).view(FLAT)
     return [np.ascontiguousarray(flat[name]).tobytes() for name in (*MESSAGE_FIELDS, "stamp")]
@@ -38,7 +36,7 @@ WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: Path) -> None:
+def test_it_gives_what_the_command_records(way, right_bag, tmp_path):
     arguments, asked = WAYS[way]
     assert main(["solve", str(right_bag), *arguments, "--output", str(tmp_path / "out.mcap")]) == 0
     (tmp_path / "ours").mkdir()
@@ -54,9 +52,7 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     )  # by the parameters in it
 
 
-def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(
-    right_bag: Path, tmp_path: Path
-) -> None:
+def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(right_bag, tmp_path):
     knee_contact_ros.solve(right_bag, "osteoarthritis", output=tmp_path / "first.mcap")
     again = knee_contact_ros.solve(tmp_path / "first.mcap", values={"contact.layer_depth": 0.4e-3})
     assert told(again) == told(
@@ -66,7 +62,7 @@ def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(
     assert told(healthy) == told(knee_contact_ros.solve(right_bag))
 
 
-def test_doubts_are_warnings(right_bag: Path, tmp_path: Path) -> None:
+def test_doubts_are_warnings(right_bag, tmp_path):
     with pytest.raises(UsageError, match="no bag"):
         knee_contact_ros.solve()
     with pytest.raises(UsageError, match=r"its name must end with \.mcap"):
@@ -110,19 +106,19 @@ def test_doubts_are_warnings(right_bag: Path, tmp_path: Path) -> None:
     ],
 )
 def test_errors_name_arguments_of_python(
-    given: dict[str, Any],
-    told: str,
-    right_bag: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    given,
+    told,
+    right_bag,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.chdir(tmp_path)
     Path("there.mcap").touch()
     with pytest.raises(UsageError, match=told):
         knee_contact_ros.solve(right_bag, **given)
 
 
-def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
+def test_a_load_is_what_the_command_estimates(tmp_path):
     bag = walking_bag(tmp_path / "in.mcap", walk())
     each_told = []
     parameters = load_parameters([WHOLE_LEG, {"person.mass": 60.0}], LoadParameters)

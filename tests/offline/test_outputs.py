@@ -1,7 +1,5 @@
 """What `solve` and `estimate_load` write, and which bags they refuse: nothing is left behind then."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from functools import partial
@@ -23,21 +21,19 @@ from tests.offline.test_solve import make_bag
 WALK = walk()
 
 
-def computed(
-    way: str, bag: Path, output: Path, values: dict[str, Any] | None = None, **how: Any
-) -> object:
+def computed(way, bag, output, values=None, **how):
     if way == "solve":
         return solve(bag, load_parameters(values or {}), output, **how)
     return estimate_load(bag, load_parameters(values or {}, LoadParameters), output, **how)
 
 
 @pytest.fixture(params=["solve", "estimate_load"])
-def way(request: pytest.FixtureRequest) -> str:
+def way(request):
     return str(request.param)
 
 
 @pytest.fixture
-def bag(way: str, right_bag: Path, tmp_path: Path) -> Path:
+def bag(way, right_bag, tmp_path):
     """A folder with a bag for this way."""
     if way == "solve":
         return Path(shutil.copytree(right_bag, tmp_path / "bag"))
@@ -46,7 +42,7 @@ def bag(way: str, right_bag: Path, tmp_path: Path) -> Path:
     return tmp_path / "bag"
 
 
-def test_an_output_is_replaced_only_when_asked(way: str, bag: Path, tmp_path: Path) -> None:
+def test_an_output_is_replaced_only_when_asked(way, bag, tmp_path):
     output = tmp_path / "out.mcap"
     output.write_text("precious")
     with pytest.raises(UsageError, match="exists already"):
@@ -59,7 +55,7 @@ def test_an_output_is_replaced_only_when_asked(way: str, bag: Path, tmp_path: Pa
 
 
 @pytest.mark.parametrize("place", ["itself", "a link", "a file of the folder"])
-def test_the_input_is_never_replaced(place: str, way: str, bag: Path, tmp_path: Path) -> None:
+def test_the_input_is_never_replaced(place, way, bag, tmp_path):
     (file,) = bag.glob("*.mcap")
     (tmp_path / "link.mcap").symlink_to(file)
     before = file.read_bytes()
@@ -69,11 +65,11 @@ def test_the_input_is_never_replaced(place: str, way: str, bag: Path, tmp_path: 
     assert file.read_bytes() == before
 
 
-def only(topic: str) -> list[RawMessage]:
+def only(topic):
     return [message for message in WALK if message.topic == topic]
 
 
-def elbow() -> list[RawMessage]:
+def elbow():
     states = [
         JointState(m.log_time, "", ("elbow", "hip"), (0.1, 0.2), (), ()) for m in only(ANGLES)
     ]
@@ -83,13 +79,13 @@ def elbow() -> list[RawMessage]:
     ]
 
 
-def empty(folder: Path, topic: str) -> Path:
+def empty(folder, topic):
     with BagWriter(folder / "b.mcap") as bag:
         bag.add_topic(topic, "geometry_msgs/msg/WrenchStamped")
     return folder / "b.mcap"
 
 
-def written(folder: Path, content: bytes) -> Path:
+def written(folder, content):
     (folder / "broken.mcap").write_bytes(content)
     return folder / "broken.mcap"
 
@@ -97,11 +93,11 @@ def written(folder: Path, content: bytes) -> Path:
 Make = Callable[[Path], Path]
 
 
-def rows(*samples: tuple[int, float, float], joint: str = "knee") -> Make:
+def rows(*samples, joint="knee"):
     return lambda folder: make_bag(folder / "a" / "b.mcap", list(samples), joint=joint)
 
 
-def leg(messages: list[RawMessage]) -> Make:
+def leg(messages):
     return lambda folder: walking_bag(folder / "b.mcap", messages)
 
 
@@ -162,9 +158,7 @@ UNUSABLE: dict[str, list[tuple[Make, dict[str, Any], str]]] = {
     ("way", "make", "values", "words"),
     [(way, *case) for way, cases in UNUSABLE.items() for case in cases],
 )
-def test_bags_that_cannot_be_used_leave_nothing_behind(
-    way: str, make: Make, values: dict[str, Any], words: str, tmp_path: Path
-) -> None:
+def test_bags_that_cannot_be_used_leave_nothing_behind(way, make, values, words, tmp_path):
     bag, output = make(tmp_path), tmp_path / "o" / "out.mcap"
     with pytest.raises(UsageError, match=words):
         computed(way, bag, output, values)

@@ -1,9 +1,5 @@
 """Our figures beside published ones, on the page that says what the numbers mean."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -27,7 +23,7 @@ HALF = 1150.0 / 2.0
     ("law", "times", "before"),
     [("kelvin_voigt", 4.6, ""), ("elastic_foundation", 2.0, "`elastic_foundation`: ")],
 )
-def test_pressure_and_area(law: str, times: float, before: str) -> None:
+def test_pressure_and_area(law, times, before):
     contact = load_parameters({"contact.law": law}).contact
     model = contact_law(contact)
     patch = contact_patch(contact, model)
@@ -43,7 +39,7 @@ def test_pressure_and_area(law: str, times: float, before: str) -> None:
     assert f"{before}{area * 1e6:.0f} mm²" in ROWS["contact area, likewise"]
 
 
-def test_depth_and_translation(right_bag: Path) -> None:
+def test_depth_and_translation(right_bag):
     healthy = solve(right_bag, "healthy")
     depth = 1e3 * float(healthy.penetration_depth.max())
     assert ROWS["peak depth in gait"] == (

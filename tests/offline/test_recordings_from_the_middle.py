@@ -1,9 +1,6 @@
 """A recording that begins in the middle of a run holds the state of the run, from which `solve` continues it."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,7 +38,7 @@ KNEES = {
 }
 
 
-def messages() -> list[RawMessage]:
+def messages():
     """A turning knee under a load that is thrown off, in the order of the stamps; few angles, many forces."""
     sent = []
     for i in range(120):
@@ -57,7 +54,7 @@ def messages() -> list[RawMessage]:
     return sorted(sent, key=lambda message: message.log_time)
 
 
-def recorded(knee: str, path: Path, begin: int, reset: bool = False) -> list[bytes]:
+def recorded(knee, path, begin, reset=False):
     """Record a run from one of its messages on, as the node does; return the answers from there on."""
     parameters = load_parameters(KNEES[knee])
     pipeline, sent = ContactPipeline(parameters, compiled=True), messages()
@@ -81,7 +78,7 @@ def recorded(knee: str, path: Path, begin: int, reset: bool = False) -> list[byt
     return kept
 
 
-def again(path: Path, tmp_path: Path) -> list[bytes]:
+def again(path, tmp_path):
     """The answers that a recording is solved to."""
     provenance = read_provenance(path)
     assert provenance is not None
@@ -93,19 +90,19 @@ def again(path: Path, tmp_path: Path) -> list[bytes]:
 
 @pytest.mark.parametrize("begin", [1, 2, 20, 87, 88, 89, 90, 91, 95, 150])
 @pytest.mark.parametrize("knee", KNEES)
-def test_the_run_goes_on_bit_by_bit(tmp_path: Path, knee: str, begin: int) -> None:
+def test_the_run_goes_on_bit_by_bit(tmp_path, knee, begin):
     """In stance, at the lift-off and in flight; wherever the last angle lies beside the last force."""
     live = recorded(knee, tmp_path / "middle.mcap", begin)
     assert len(live) > 15
     assert again(tmp_path / "middle.mcap", tmp_path) == live
 
 
-def test_after_a_reset_it_begins_from_rest(tmp_path: Path) -> None:
+def test_after_a_reset_it_begins_from_rest(tmp_path):
     live = recorded("healthy", tmp_path / "middle.mcap", 60, reset=True)
     assert again(tmp_path / "middle.mcap", tmp_path) == live
 
 
-def test_without_the_state_nothing_is_ok_and_wrong(tmp_path: Path) -> None:
+def test_without_the_state_nothing_is_ok_and_wrong(tmp_path):
     """As recordings of earlier versions are: flagged while the femur may still fly."""
     recorded("healthy", tmp_path / "middle.mcap", 92)
     provenance = read_provenance(tmp_path / "middle.mcap")
@@ -128,7 +125,7 @@ def test_without_the_state_nothing_is_ok_and_wrong(tmp_path: Path) -> None:
         "[1, [], [[1.0]]]",
     ],
 )
-def test_a_damaged_state_is_said(tmp_path: Path, damaged: str) -> None:
+def test_a_damaged_state_is_said(tmp_path, damaged):
     path = tmp_path / "middle.mcap"
     parameters = load_parameters({})
     with BagWriter(path) as bag:
@@ -138,7 +135,7 @@ def test_a_damaged_state_is_said(tmp_path: Path, damaged: str) -> None:
         again(path, tmp_path)
 
 
-def test_a_state_of_another_model_is_not_used(tmp_path: Path) -> None:
+def test_a_state_of_another_model_is_not_used(tmp_path):
     pipeline = ContactPipeline(load_parameters({}), compiled=True)
     for _ in answers_to(pipeline, messages()[:50]):
         pass

@@ -1,7 +1,5 @@
 """Recordings that other tools have rewritten, merged or cut: their answers are compared, and never mixed."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from tests.helpers.commands import run
 from tests.helpers.offline import solve
 
 
-def rewritten(target: Path, *sources: Path, metadata: bool) -> Path:
+def rewritten(target, *sources, metadata):
     """What `mcap merge`, `mcap filter` and `ros2 bag convert` make of recordings, with or without their metadata."""
     rows: list[tuple[int, int, Any, Any, Any]] = []
     with target.open("wb") as output:
@@ -40,7 +38,7 @@ def rewritten(target: Path, *sources: Path, metadata: bool) -> Path:
     return target
 
 
-def drawn_parameters(draw: random.Random) -> dict[str, Any]:
+def drawn_parameters(draw):
     """Parameters whose depths are far from those of the healthy knee, or its own."""
     changes: tuple[dict[str, Any], ...] = (
         {},
@@ -53,11 +51,11 @@ def drawn_parameters(draw: random.Random) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def recordings(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
+def recordings(right_bag, tmp_path_factory):
     """Makes a recording with parameters."""
     folder, made = tmp_path_factory.mktemp("recordings"), dict[str, Path]()
 
-    def recording(values: dict[str, Any]) -> Path:
+    def recording(values):
         path = folder / f"{len(made)}.mcap"
         if str(values) not in made:
             solve(right_bag, load_parameters(values), path)
@@ -68,9 +66,7 @@ def recordings(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Any
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_lost_parameters_are_told_by_the_answers(
-    recordings: Any, tmp_path: Path, seed: int
-) -> None:
+def test_lost_parameters_are_told_by_the_answers(recordings, tmp_path, seed):
     values = drawn_parameters(random.Random(seed))
     source = recordings(values)
     lost = rewritten(tmp_path / "lost.mcap", source, metadata=False)
@@ -86,7 +82,7 @@ def test_lost_parameters_are_told_by_the_answers(
     assert not solve(kept, basis, None).differing
 
 
-def test_merged_recordings_are_not_mixed(recordings: Any, tmp_path: Path) -> None:
+def test_merged_recordings_are_not_mixed(recordings, tmp_path):
     one, other = recordings({}), recordings({"load.share": 0.8})
     for metadata in (True, False):
         merged = rewritten(tmp_path / f"{metadata}.mcap", one, other, metadata=metadata)
@@ -102,9 +98,7 @@ def test_merged_recordings_are_not_mixed(recordings: Any, tmp_path: Path) -> Non
         assert run(f"{command} {tmp_path}/True.mcap {option} {tmp_path}/{out}") == 2, command
 
 
-def test_each_command_says_that_parameters_are_lost(
-    recordings: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_command_says_that_parameters_are_lost(recordings, tmp_path, capsys):
     soft = recordings({"contact.stiffness": 3e7})
     lost = rewritten(tmp_path / "lost.mcap", soft, metadata=False)
     outputs = {"report": "r", "view": "v.rrd", "solve": "o.mcap", "trade": "t.png"}

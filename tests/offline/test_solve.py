@@ -1,10 +1,5 @@
 """The offline path on the real gait: the paper's numbers, and the same bits as the Python calls."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -27,9 +22,7 @@ from tests.helpers.offline import solve
 OUTPUTS = types_of(EACH_TICK)
 
 
-def make_bag(
-    path: Path, rows: list[tuple[int, float, float]], joint: str = "knee", heights: Any = None
-) -> Path:
+def make_bag(path, rows, joint="knee", heights=None):
     """A bag of (stamp [ns], angle [rad], axial force [N]) and, as a second joint, femoral heights [m]."""
     with BagWriter(path) as bag:
         for topic, name in INPUT_TYPES.items():
@@ -54,9 +47,7 @@ def make_bag(
         (["osteoarthritis.yaml", "mri_femur.yaml"], 0.538e-3),
     ],
 )
-def test_the_second_stance_has_the_papers_peaks(
-    config: Path, right_bag: Path, tmp_path: Path, files: list[str], depth: float
-) -> None:
+def test_the_second_stance_has_the_papers_peaks(config, right_bag, tmp_path, files, depth):
     parameters = load_parameters([config / name for name in files])
     summary = solve(right_bag, parameters, tmp_path / "out.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (387, 0, 0)
@@ -70,7 +61,7 @@ def test_the_second_stance_has_the_papers_peaks(
     assert round(summary.peaks["penetration_depth"].penetration_depth, 6) == depth
 
 
-def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
+def test_a_bag_with_heights_drives_the_displacement(tmp_path):
     rows = [(i * 5_000_000, 0.1 + 0.01 * i, 800.0) for i in range(20)]
     heights = 0.034 - 6e-4 - 1e-4 * np.sin(np.arange(20.0))
     bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)

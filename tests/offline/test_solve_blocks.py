@@ -1,9 +1,6 @@
 """Block by block is as one by one: the same file to the last byte, whatever is in the bag."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +14,6 @@ from knee_contact_ros.offline.solve import SolveRun
 from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.messages import (
     JOINT_STATE,
     JointState,
@@ -33,9 +29,7 @@ MILLISECOND = 1_000_000
 Message = tuple[str, int, bytes]
 
 
-def angle(
-    stamp: int, value: float, names: tuple[str, ...] = ("hip", "knee"), frame: str = ""
-) -> Message:
+def angle(stamp, value, names=("hip", "knee"), frame=""):
     positions = tuple(value if name == "knee" else 0.5 for name in names)
     return (
         "/joint_states",
@@ -44,12 +38,12 @@ def angle(
     )
 
 
-def force(stamp: int, axial: float, frame: str = "tibia_r") -> Message:
+def force(stamp, axial, frame="tibia_r"):
     wrench = WrenchStamped(stamp, frame, (1.0, -axial, 2.0), (3.0, 4.0, 5.0))
     return "/joint_reaction_force", stamp, encode_wrench_stamped(wrench)
 
 
-def gait(ticks: int, every: int = 1, begin: int = 0) -> list[Message]:
+def gait(ticks, every=1, begin=0):
     """Forces each millisecond, an angle at every so manieth and half a millisecond off."""
     rows = []
     for i in range(begin, begin + ticks):
@@ -62,7 +56,7 @@ def gait(ticks: int, every: int = 1, begin: int = 0) -> list[Message]:
     return [row for row in rows if row[1] >= 0]
 
 
-def write(path: Path, messages: list[Message]) -> Path:
+def write(path, messages):
     with BagWriter(path, overwrite=True) as bag:
         for topic, name in INPUT_TYPES.items():
             bag.add_topic(topic, name)
@@ -71,7 +65,7 @@ def write(path: Path, messages: list[Message]) -> Path:
     return path
 
 
-def outcome(bag: Path, parameters: Parameters, output: Path) -> Summary | str:
+def outcome(bag, parameters, output):
     """The summary, or why there is none."""
     output.unlink(missing_ok=True)
     try:
@@ -80,14 +74,12 @@ def outcome(bag: Path, parameters: Parameters, output: Path) -> Summary | str:
         return str(error)
 
 
-def taken_at_once(
-    folder: Path, messages: list[Message], parameters: Parameters, block: int
-) -> int:
+def taken_at_once(folder, messages, parameters, block):
     """How many blocks were taken at once; the outcome is the same as one by one, and so is the file."""
     bag, taken = write(folder / "bag.mcap", messages), []
     at_once = SolveRun._solve_at_once
 
-    def counted(run: SolveRun, rows: list) -> bool:  # type: ignore[type-arg]
+    def counted(run, rows):  # type: ignore[type-arg]
         taken.append(at_once(run, rows))
         return taken[-1]
 
@@ -123,13 +115,13 @@ PARAMETERS = {
 
 @pytest.mark.parametrize("name", PARAMETERS)
 @pytest.mark.parametrize("every", [1, 7])
-def test_ordinary_bags_go_by_the_block(tmp_path: Path, name: str, every: int) -> None:
+def test_ordinary_bags_go_by_the_block(tmp_path, name, every):
     taken = taken_at_once(tmp_path, gait(600, every), load_parameters(PARAMETERS[name]), 200)
     assert taken >= 600 * (every + 1) // every // 200 - 1
 
 
 @pytest.mark.parametrize("delay", [25 * MILLISECOND, -25 * MILLISECOND])
-def test_a_known_delay_of_the_angles_changes_no_bit(tmp_path: Path, delay: int) -> None:
+def test_a_known_delay_of_the_angles_changes_no_bit(tmp_path, delay):
     prompt, late, rows = (
         gait(400, 5, begin=1000),
         list[Message](),
@@ -158,7 +150,7 @@ def test_a_known_delay_of_the_angles_changes_no_bit(tmp_path: Path, delay: int) 
     assert first == other
 
 
-def test_prescribed_heights(tmp_path: Path) -> None:
+def test_prescribed_heights(tmp_path):
     names, rows = ("knee_height", "knee"), []
     for i in range(300):
         state = JointState(
@@ -171,7 +163,7 @@ def test_prescribed_heights(tmp_path: Path) -> None:
     assert taken_at_once(tmp_path, rows, load_parameters({"drive": "displacement"}), 100) == 6
 
 
-def test_bytes_of_padding_do_not_matter(tmp_path: Path) -> None:
+def test_bytes_of_padding_do_not_matter(tmp_path):
     """ROS's own serialiser leaves them, and surplus bytes at the end."""
     rows, random = [], np.random.default_rng(5)
     for topic, stamp, data in gait(200):
@@ -215,7 +207,7 @@ MANY_ROWS: dict[str, Callable[[list[Message], int], list[Message]]] = {
 """What may become of all from there on"""
 
 
-def broken(kind: str, rows: list[Message], at: int) -> list[Message]:
+def broken(kind, rows, at):
     """Rows with a fault."""
     if kind in MANY_ROWS:
         return MANY_ROWS[kind](rows, at)
@@ -233,9 +225,7 @@ def broken(kind: str, rows: list[Message], at: int) -> list[Message]:
     st.sampled_from([5, 16, 50]),
     st.sampled_from(list(PARAMETERS)),
 )
-def test_unusual_messages_give_the_same_file(
-    tmp_path: Path, faults: list[tuple[str, float]], every: int, block: int, name: str
-) -> None:
+def test_unusual_messages_give_the_same_file(tmp_path, faults, every, block, name):
     rows = gait(80, every)
     for kind, where in faults:
         rows = broken(kind, rows, int(where * len(rows)))

@@ -1,11 +1,8 @@
 """Inputs of other topics and types, by the path of a field: the answers of the plain bag, to the bit."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,34 +43,34 @@ Make = Callable[[int, float, float], Any]
 """Makes a message of a stamp [ns], an angle [rad] and a load [N]"""
 
 
-def message(kind: str, *values: Any) -> Any:
+def message(kind, *values):
     """A message by its full name."""
     return STORE.types[kind](*values)
 
 
-def head(stamp: int, frame: str = "") -> Any:
+def head(stamp, frame=""):
     return message(
         "std_msgs/msg/Header", message("builtin_interfaces/msg/Time", *divmod(stamp, 10**9)), frame
     )
 
 
-def vector(x: float, y: float, z: float) -> Any:
+def vector(x, y, z):
     return message("geometry_msgs/msg/Vector3", x, y, z)
 
 
-def joint_state(names: list[str], position: Callable[[float], list[float]]) -> Make:
+def joint_state(names, position):
     empty = np.array([])
     return lambda t, angle, load: message(
         "sensor_msgs/msg/JointState", head(t), names, np.array(position(angle)), empty, empty
     )
 
 
-def wrench(stamp: int, x: float, y: float, z: float) -> Any:
+def wrench(stamp, x, y, z):
     both = message("geometry_msgs/msg/Wrench", vector(x, y, z), vector(0.0, 0.0, 0.0))
     return message("geometry_msgs/msg/WrenchStamped", head(stamp), both)
 
 
-def state(stamp: int, angle: float, load: float) -> Any:
+def state(stamp, angle, load):
     joints = [
         message("exo_msgs/msg/Joint", f"j{n}", 0.0, value) for n, value in enumerate((9.0, -angle))
     ]
@@ -81,7 +78,7 @@ def state(stamp: int, angle: float, load: float) -> Any:
     return message("exo_msgs/msg/State", head(stamp), 3, joints, force, head(stamp).stamp)
 
 
-def dynamic(stamp: int, angle: float, _load: float, interface: str = "position") -> Any:
+def dynamic(stamp, angle, _load, interface="position"):
     """As a joint state broadcaster writes it: a joint without a position before, and efforts beside positions."""
     values = [message(VALUE, ["effort"], np.array([3.0]))]
     values += [
@@ -90,10 +87,10 @@ def dynamic(stamp: int, angle: float, _load: float, interface: str = "position")
     return message(DYNAMIC_JOINT_STATE_TYPE, head(stamp), ["motor", "hip", "knee"], values)
 
 
-def in_frame(frame: str, along: Callable[[float], Any]) -> Make:
+def in_frame(frame, along):
     """Forces in a frame, in which `along` gives the vector of a load that presses."""
 
-    def make(stamp: int, _angle: float, load: float) -> Any:
+    def make(stamp, _angle, load):
         made = wrench(stamp, *along(-load))
         made.header.frame_id = frame
         return made
@@ -101,7 +98,7 @@ def in_frame(frame: str, along: Callable[[float], Any]) -> Make:
     return make
 
 
-def bag_of(path: Path, topics: Mapping[str, tuple[str, Make]], order: slice = slice(None)) -> Path:
+def bag_of(path, topics, order=slice(None)):
     """A bag of these topics, each with a type and what makes its messages."""
     mcap = Mcap(path)
     channels = {}
@@ -128,12 +125,12 @@ FORCE = (
 )
 
 
-def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
+def answers(path, topic="knee_contact"):
     return [one.data for one in raw_messages(path, types_of([topic]))]
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+def plain(tmp_path_factory):
     """Answers to the usual messages."""
     folder = tmp_path_factory.mktemp("plain")
     solve(
@@ -212,9 +209,7 @@ CASES: dict[str, tuple[str, str, dict[str, tuple[str, Make]]]] = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_answers_are_those_of_the_usual_messages(
-    case: str, plain: list[bytes], tmp_path: Path
-) -> None:
+def test_answers_are_those_of_the_usual_messages(case, plain, tmp_path):
     angles, forces, topics = CASES[case]
     joint = "r_knee_*" if "*" in angles else "knee"
     how = load_parameters({"knee.source": angles, "load.source": forces, "knee.joint_name": joint})
@@ -228,8 +223,8 @@ def test_answers_are_those_of_the_usual_messages(
 @pytest.mark.parametrize(
     "source", ["joint_states", "joint_states sensor_msgs/JointState position[0]"]
 )
-def test_one_huge_message_costs_itself_and_is_told(source: str, tmp_path: Path) -> None:
-    def make(size: int) -> Make:
+def test_one_huge_message_costs_itself_and_is_told(source, tmp_path):
+    def make(size):
         usual, odd = (joint_state(["knee"], lambda a, n=n: [a] * n) for n in (1, size))
         return lambda t, *rest: odd(t, *rest) if t == STAMPS[30] else usual(t, *rest)
 
@@ -246,8 +241,8 @@ def test_one_huge_message_costs_itself_and_is_told(source: str, tmp_path: Path) 
 
 
 def test_forces_in_other_frames(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     """The sensor's y lies along the tibia's x, its z along y, its x along z: exact in floating point."""
     stamped = STORE.types["geometry_msgs/msg/TransformStamped"]
     pose = message(
@@ -355,9 +350,7 @@ def test_forces_in_other_frames(
         ),
     ],
 )
-def test_sources_that_cannot_be_read_are_refused(
-    angles: str, forces: str, words: str, tmp_path: Path
-) -> None:
+def test_sources_that_cannot_be_read_are_refused(angles, forces, words, tmp_path):
     values = {"/number": 0.1, "/nan": math.nan}
     numbers = {
         topic: ("std_msgs/msg/Float64", lambda *_, v=value: message("std_msgs/msg/Float64", v))
@@ -372,7 +365,7 @@ def test_sources_that_cannot_be_read_are_refused(
         solve(bag, load_parameters(how), None)
 
 
-def test_joint_states_of_ros2_control_that_do_not_fit(tmp_path: Path) -> None:
+def test_joint_states_of_ros2_control_that_do_not_fit(tmp_path):
     for interface, source, words in (
         ("position", "joint_states", "-p knee.source:=dynamic_joint_states reads those"),
         (
@@ -389,7 +382,7 @@ def test_joint_states_of_ros2_control_that_do_not_fit(tmp_path: Path) -> None:
             solve(bag, load_parameters({"knee.source": source}), None)
 
 
-def test_forces_that_need_more_numbers_are_refused() -> None:
+def test_forces_that_need_more_numbers_are_refused():
     one = {"load.source": "/f geometry_msgs/Vector3Stamped vector.z"}
     with pytest.raises(
         UsageError, match=r"load.source: 1 fields are not allowed; moment_balance needs 6"
@@ -408,7 +401,7 @@ def test_forces_that_need_more_numbers_are_refused() -> None:
         )
 
 
-def test_another_body_replaces_one_that_is_gone(tmp_path: Path) -> None:
+def test_another_body_replaces_one_that_is_gone(tmp_path):
     """Two bodies at once: the first is followed, and the other one refused, until it is gone for pairing.max_gap."""
     mcap = Mcap(tmp_path / "bag.mcap")
     kind = "sensor_msgs/msg/JointState"

@@ -1,10 +1,8 @@
 """Bags as people's recorders leave them: clocks that are set back, files that overlap, messages written late."""
 
-from __future__ import annotations
-
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,6 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     WRENCH,
-    JointState,
     decode_joint_state,
     encode_joint_state,
     encode_wrench_stamped,
@@ -39,11 +36,11 @@ MOMENT = 600
 
 
 @pytest.fixture(scope="module")
-def gait(right_bag: Path) -> list[RawMessage]:
+def gait(right_bag):
     return raw_messages(right_bag)
 
 
-def moved(message: RawMessage, by: int, log_by: int | None = None) -> RawMessage:
+def moved(message, by, log_by=None):
     """A message with another stamp, and another log time if that is not moved likewise."""
     seconds, nanoseconds = divmod(
         int.from_bytes(message.data[4:8], "little") * 10**9
@@ -56,7 +53,7 @@ def moved(message: RawMessage, by: int, log_by: int | None = None) -> RawMessage
     return RawMessage(message.topic, message.log_time + (by if log_by is None else log_by), data)
 
 
-def mcap(path: Path, messages: Sequence[RawMessage]) -> Path:
+def mcap(path, messages):
     """A file of small chunks, with the messages in this order."""
     file = Mcap(path)
     channels = file.channels()
@@ -65,7 +62,7 @@ def mcap(path: Path, messages: Sequence[RawMessage]) -> Path:
     return file.close()
 
 
-def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes]:
+def live(messages, path=None):
     """The answers to messages in the order of their arrival; with a `path`, the recording of them is there."""
     parameters = load_parameters({})
     pipeline = ContactPipeline(parameters, compiled=False)
@@ -80,7 +77,7 @@ def live(messages: Sequence[RawMessage], path: Path | None = None) -> list[bytes
     return [answer.messages[0] for answer in answers]
 
 
-def split(folder: Path, parts: Sequence[Sequence[RawMessage]]) -> Path:
+def split(folder, parts):
     """A folder of numbered files, as when `metadata.yaml` was lost."""
     folder.mkdir()
     for number, part in enumerate(parts):
@@ -88,7 +85,7 @@ def split(folder: Path, parts: Sequence[Sequence[RawMessage]]) -> Path:
     return folder
 
 
-def solved(bag: Path, tmp_path: Path) -> list[bytes]:
+def solved(bag, tmp_path):
     solve(bag, load_parameters({}), tmp_path / "out.mcap", overwrite=True, compiled=False)
     topic = f"/{KNEE_CONTACT}"
     messages = raw_messages(tmp_path / "out.mcap", {topic: MESSAGE_TYPES[KNEE_CONTACT]})
@@ -122,9 +119,7 @@ SET_BACK = [
         *((form, *SET_BACK[1]) for form in ("sqlite3", "split")),
     ],
 )
-def test_a_clock_that_is_set_back_begins_a_run_as_live(
-    gait: list[RawMessage], tmp_path: Path, form: str, of: str, back: int, resets: int
-) -> None:
+def test_a_clock_that_is_set_back_begins_a_run_as_live(gait, tmp_path, form, of, back, resets):
     """The clock of all topics, or of one, is set back: by a sample, within and beyond what was recorded."""
     later = [moved(message, 2 * 10**12) for message in gait]
     messages = [
@@ -142,7 +137,7 @@ def test_a_clock_that_is_set_back_begins_a_run_as_live(
     assert (len(status), np.count_nonzero(status & Status.TIME_RESET)) == (len(expected), resets)
 
 
-def test_runs_of_a_recording_keep_their_order(gait: list[RawMessage], tmp_path: Path) -> None:
+def test_runs_of_a_recording_keep_their_order(gait, tmp_path):
     recording = tmp_path / "recording.mcap"
     expected = live(
         [moved(message, at * 10**9) for at in (0, 100, 50) for message in gait], recording
@@ -154,9 +149,7 @@ def test_runs_of_a_recording_keep_their_order(gait: list[RawMessage], tmp_path: 
     ]
 
 
-def test_a_loop_has_a_run_for_each_round(
-    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_loop_has_a_run_for_each_round(gait, tmp_path, capsys):
     recording = tmp_path / "loop.mcap"
     once = len(live([*gait, *gait, *gait], recording)) // 3
     assert run(f"solve {recording} --output {tmp_path}/out.mcap") == 0
@@ -171,7 +164,7 @@ def test_a_loop_has_a_run_for_each_round(
     assert len({tuple(row[2:-1]) for row in rows}) == 4
 
 
-def test_the_runs_have_a_column(gait: list[RawMessage], tmp_path: Path) -> None:
+def test_the_runs_have_a_column(gait, tmp_path):
     pytest.importorskip("pandas")
     with pytest.warns(UserWarning, match="the answers are of 2 runs"):
         results = knee_contact_ros.solve(mcap(tmp_path / "twice.mcap", [*gait, *gait]))
@@ -182,11 +175,11 @@ def test_the_runs_have_a_column(gait: list[RawMessage], tmp_path: Path) -> None:
 LATE = slice(MOMENT, MOMENT + 30)
 
 
-def without(messages: list[RawMessage], part: slice) -> list[RawMessage]:
+def without(messages, part):
     return messages[: part.start] + messages[part.stop :]
 
 
-def by_topic(messages: list[RawMessage]) -> list[list[RawMessage]]:
+def by_topic(messages):
     topics = sorted({message.topic for message in messages})
     return [[message for message in messages if message.topic == topic] for topic in topics]
 
@@ -208,16 +201,12 @@ UNORDERED = {
 
 
 @pytest.mark.parametrize("case", UNORDERED)
-def test_late_messages_are_read_in_order(
-    gait: list[RawMessage], tmp_path: Path, case: str
-) -> None:
+def test_late_messages_are_read_in_order(gait, tmp_path, case):
     bag = split(tmp_path / "in", UNORDERED[case](gait))
     assert solved(bag, tmp_path) == live(gait)
 
 
-def states(
-    g: list[RawMessage], change: Callable[[JointState], JointState], every: int = 1, later: int = 0
-) -> list[RawMessage]:
+def states(g, change, every=1, later=0):
     """Joint states of a gait, changed; every n-th one, at later log times."""
     found = []
     for message in [message for message in g if message.topic == f"/{JOINT_STATES}"][::every]:
@@ -228,17 +217,17 @@ def states(
     return found
 
 
-def forces(g: list[RawMessage], later: int = 0) -> list[RawMessage]:
+def forces(g, later=0):
     return [moved(message, later) for message in g if message.topic != f"/{JOINT_STATES}"]
 
 
-def in_order(*messages: list[RawMessage]) -> list[RawMessage]:
+def in_order(*messages):
     return sorted(
         (message for each in messages for message in each), key=lambda message: message.log_time
     )
 
 
-def two_channels(path: Path, g: list[RawMessage], still: float) -> Path:
+def two_channels(path, g, still):
     """The joint comes from two channels: as it is, and every fifth time 1 ms later as if it stood still."""
     each = (
         states(g, lambda one: one),
@@ -255,7 +244,7 @@ def two_channels(path: Path, g: list[RawMessage], still: float) -> Path:
     return file.close()
 
 
-def own_definition(path: Path, g: list[RawMessage]) -> Path:
+def own_definition(path, g):
     """A file whose definition of JointState has a field more; its data do not matter."""
     file = Mcap(path)
     text = typestore().generate_msgdef("sensor_msgs/msg/JointState", ros_version=2)[0]
@@ -268,7 +257,7 @@ def own_definition(path: Path, g: list[RawMessage]) -> Path:
     return file.close()
 
 
-def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]:
+def framed(g, frame):
     found = []
     for number, message in enumerate(forces(g)):
         wrench, _ = WRENCH.read_message(message.data, "")
@@ -278,7 +267,7 @@ def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]
     return found
 
 
-def later(g: list[RawMessage], by: int) -> list[RawMessage]:
+def later(g, by):
     """Forces with stamps that are later [ns]."""
     each = [(message, WRENCH.read_message(message.data, "")[0]) for message in forces(g)]
     return [
@@ -287,7 +276,7 @@ def later(g: list[RawMessage], by: int) -> list[RawMessage]:
     ]
 
 
-def unmerged(path: Path, g: list[RawMessage]) -> Path:
+def unmerged(path, g):
     """A sqlite3 file whose recorder was killed: all is in the log beside it."""
     write_rosbag2(path.with_suffix(""), g, StoragePlugin.SQLITE3)
     (written,) = path.with_suffix("").glob("*.db3")
@@ -296,8 +285,8 @@ def unmerged(path: Path, g: list[RawMessage]) -> Path:
     return path
 
 
-def of_bytes(content: bytes) -> Callable[[Path, list[RawMessage]], Path]:
-    def made(path: Path, _: list[RawMessage]) -> Path:
+def of_bytes(content):
+    def made(path, _):
         path.write_bytes(content)
         return path
 
@@ -369,9 +358,7 @@ TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
 
 
 @pytest.mark.parametrize("case", TOLD)
-def test_faults_of_a_bag_are_reported_in_one_line(
-    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
-) -> None:
+def test_faults_of_a_bag_are_reported_in_one_line(gait, tmp_path, capsys, case):
     make, code, words = TOLD[case]
     bag = make(tmp_path / "in.mcap", gait)
     assert run(f"solve {bag} --output {tmp_path}/out.mcap") == code
@@ -379,9 +366,7 @@ def test_faults_of_a_bag_are_reported_in_one_line(
 
 
 @pytest.mark.parametrize("case", ["publishers that agree", "no frame at first"])
-def test_no_report_without_a_fault(
-    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
-) -> None:
+def test_no_report_without_a_fault(gait, tmp_path, capsys, case):
     angles = states(gait, lambda one: one)
     if case == "publishers that agree":
         messages = in_order(

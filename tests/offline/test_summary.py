@@ -1,9 +1,6 @@
 """What a run amounts to."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
 
 from knee_contact_ros.commands.tables import show_summary
 from knee_contact_ros.model.types import blank_answers
@@ -11,8 +8,8 @@ from knee_contact_ros.offline.summary import Summary
 
 
 def test_peaks_do_not_depend_on_the_blocks(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys,
+):
     rows = blank_answers(40_000)
     rows["stamp"] = np.arange(40_000) * 1_000_000
     rows["load"] = 1200.0 * np.abs(np.sin(np.pi * rows["stamp"] * 1e-9)) + 10.0 * (
@@ -37,7 +34,7 @@ def test_peaks_do_not_depend_on_the_blocks(
     assert "peak 1 " not in told
 
 
-def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str]) -> None:
+def test_stamps_of_today_leave_the_table_whole(capsys):
     rows, begin = blank_answers(2_000), 1_764_027_108 * 1_000_000_000
     rows["stamp"] = begin + np.arange(2_000) * 1_000_000
     rows["load"] = 1200.0 * np.abs(np.sin(np.pi * 1e-3 * np.arange(2_000)))
@@ -54,8 +51,8 @@ def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str
 
 
 def test_largest_values_of_different_moments_have_no_moment(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys,
+):
     rows = blank_answers(3)
     rows["stamp"] = [0, 1_000_000_000, 2_000_000_000]
     rows["load"], rows["contact_force"], rows["penetration_depth"] = (

@@ -5,8 +5,6 @@ and one with the messages. Each is installed into a new environment outside the 
 downloads what is not in uv's cache, so `make test` leaves it out.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -49,7 +47,7 @@ class Distributions(NamedTuple):
     with_messages: Path
 
 
-def run(*command: str | Path, folder: Path) -> str:
+def run(*command, folder):
     """What a command prints; it knows nothing of this environment, and must end well."""
     environment = {
         name: value for name, value in os.environ.items() if name not in OF_THIS_ENVIRONMENT
@@ -68,7 +66,7 @@ def run(*command: str | Path, folder: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
+def distributions(tmp_path_factory):
     """Built from a clean copy of the tree."""
     if not UV.exists() or not shutil.which("git") or not (ROOT / ".git").exists():
         pytest.skip("needs uv beside Python, git, and the tree under git")
@@ -90,7 +88,7 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> Distributions:
     return Distributions(files, source, *wheels)
 
 
-def environment_with(wheel: str, folder: Path) -> Path:
+def environment_with(wheel, folder):
     """Return the programs of a new environment that has a wheel and what it asks for, and nothing else."""
     run(UV, "venv", "--quiet", "--python", sys.executable, "venv", folder=folder)
     programs = folder / "venv" / "bin"
@@ -100,19 +98,19 @@ def environment_with(wheel: str, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def plain(distributions: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plain(distributions, tmp_path_factory):
     """An environment without ROS."""
     return environment_with(str(distributions.wheel), tmp_path_factory.mktemp("plain"))
 
 
 @pytest.fixture(scope="module")
-def installed(distributions: Distributions, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(distributions, tmp_path_factory):
     """An environment with ROS from PyPI."""
     folder = tmp_path_factory.mktemp("installed")
     return environment_with(f"{distributions.with_messages}[ros]", folder)
 
 
-def test_the_source_distribution_has_what_git_has(distributions: Distributions) -> None:
+def test_the_source_distribution_has_what_git_has(distributions):
     with tarfile.open(distributions.source) as archive:
         packed = {
             member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()
@@ -123,8 +121,8 @@ def test_the_source_distribution_has_what_git_has(distributions: Distributions) 
 
 
 def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
-    distributions: Distributions,
-) -> None:
+    distributions,
+):
     with ZipFile(distributions.with_messages) as archive:
         packed = set(archive.namelist())
     data = f"{PACKAGE}-{__version__}.data/data/"
@@ -165,8 +163,8 @@ def test_the_wheel_has_modules_messages_and_shared_files_and_nothing_else(
 
 
 def test_the_wheel_without_messages_is_for_any_python_and_asks_for_no_ros(
-    distributions: Distributions,
-) -> None:
+    distributions,
+):
     assert "-py3-none-linux_" in distributions.wheel.name
     with ZipFile(distributions.wheel) as archive:
         names = archive.namelist()
@@ -182,7 +180,7 @@ def test_the_wheel_without_messages_is_for_any_python_and_asks_for_no_ros(
     assert not [name for name in names if "/lib/" in name or name.startswith(f"{PACKAGE}/msg")]
 
 
-def test_the_wheel_without_messages_runs_without_ros(plain: Path, tmp_path: Path) -> None:
+def test_the_wheel_without_messages_runs_without_ros(plain, tmp_path):
     listed = run(UV, "pip", "list", "--python", plain / "python", folder=tmp_path)
     assert not re.search("^(ros-|rclpy|numba|llvmlite)", listed, re.MULTILINE)
     bag = plain.parent / "share" / PACKAGE / "bags" / "gait2354_right"
@@ -195,12 +193,12 @@ def test_the_wheel_without_messages_runs_without_ros(plain: Path, tmp_path: Path
     assert done.stderr.startswith("knee-contact: this command needs ROS 2: ")
 
 
-def test_package_indexes_take_all(distributions: Distributions) -> None:
+def test_package_indexes_take_all(distributions):
     told = run(sys.executable, "-m", "twine", "check", "--strict", *distributions[1:], folder=ROOT)
     assert told.count("PASSED") == 3
 
 
-def test_the_command_tells_its_version_and_help(installed: Path) -> None:
+def test_the_command_tells_its_version_and_help(installed):
     assert (
         run(installed / "knee-contact", "--version", folder=installed)
         == f"knee-contact {__version__}\n"
@@ -208,7 +206,7 @@ def test_the_command_tells_its_version_and_help(installed: Path) -> None:
     assert "Usage: knee-contact" in run(installed / "knee-contact", "--help", folder=installed)
 
 
-def test_python_finds_model_message_and_files(installed: Path) -> None:
+def test_python_finds_model_message_and_files(installed):
     code = """
 import knee_contact_ros
 from knee_contact_ros.msg import KneeContact
@@ -225,7 +223,7 @@ print(knee_contact_ros.__file__, share_folder(), KneeContact().status, sep="\\n"
     assert status == "0"
 
 
-def test_a_bag_is_solved_to_the_same_bytes(installed: Path, tmp_path: Path) -> None:
+def test_a_bag_is_solved_to_the_same_bytes(installed, tmp_path):
     bag = installed.parent / "share" / PACKAGE / "bags" / "gait2354_right"
     recordings = []
     for name, programs in (("installed", installed), ("tree", UV.parent)):
@@ -235,7 +233,7 @@ def test_a_bag_is_solved_to_the_same_bytes(installed: Path, tmp_path: Path) -> N
     assert recordings[0].read_bytes() == recordings[1].read_bytes()
 
 
-def test_the_node_runs(installed: Path, tmp_path: Path) -> None:
+def test_the_node_runs(installed, tmp_path):
     """Without the extra `viewer`: it records, and says that it has not drawn."""
     told = run(installed / "knee-contact", "demo", "--output", "demo", folder=tmp_path)
     assert "1613.8" in told  # the largest load of the gait [N]

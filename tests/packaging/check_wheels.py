@@ -4,8 +4,6 @@ Those of Linux are run, of aarch64 its library under an emulator, and so is the 
 those for macOS this only looks: they were not run.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import os
@@ -42,12 +40,12 @@ WINDOWS_RUN_TIME = re.compile(r"api-ms-win-crt-\w+-l1-1-0\.dll")
 
 
 @pytest.fixture(scope="module")
-def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def wheels(tmp_path_factory):
     """All wheels by target; the one without a library as `plain`."""
     return dict(zip(["plain", *TAGS], make_wheels(tmp_path_factory.mktemp("wheels")), strict=True))
 
 
-def library_in(wheel: Path, folder: Path) -> Path:
+def library_in(wheel, folder):
     """Return the library of a wheel, unpacked."""
     with ZipFile(wheel) as archive:
         (name,) = (each for each in archive.namelist() if "/model/knee_contact-" in each)
@@ -55,9 +53,7 @@ def library_in(wheel: Path, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("target", ["plain", *TAGS])
-def test_a_wheel_lists_its_files_and_names_its_platform(
-    wheels: dict[str, Path], target: str
-) -> None:
+def test_a_wheel_lists_its_files_and_names_its_platform(wheels, target):
     tag = TAGS.get(target, "any")
     assert wheels[target].name.endswith(f"-py3-none-{tag}.whl")
     with ZipFile(wheels[target]) as archive:
@@ -77,15 +73,13 @@ def test_a_wheel_lists_its_files_and_names_its_platform(
     assert libraries == ([] if target == "plain" else [name])
 
 
-def loaded(binary: Any) -> set[str]:
+def loaded(binary):
     """Names of the libraries that a library loads."""
     return {each if isinstance(each, str) else each.name for each in binary.libraries}
 
 
 @pytest.mark.parametrize("target", TAGS)
-def test_a_library_is_of_its_platform_and_needs_its_libm_alone(
-    wheels: dict[str, Path], tmp_path: Path, target: str
-) -> None:
+def test_a_library_is_of_its_platform_and_needs_its_libm_alone(wheels, tmp_path, target):
     import lief
 
     binary: Any = lief.parse(str(library_in(wheels[target], tmp_path)))
@@ -119,9 +113,7 @@ def test_a_library_is_of_its_platform_and_needs_its_libm_alone(
 
 
 @pytest.mark.parametrize("target", ["x86-64", "plain"])
-def test_a_wheel_solves_in_an_environment_without_ros_and_numba(
-    wheels: dict[str, Path], tmp_path: Path, target: str
-) -> None:
+def test_a_wheel_solves_in_an_environment_without_ros_and_numba(wheels, tmp_path, target):
     """To the bytes of the tree; the plain one says once that it is slow."""
     programs = environment_with(str(wheels[target]), tmp_path)
     listed = run(UV, "pip", "list", "--python", programs / "python", folder=tmp_path)
@@ -158,9 +150,7 @@ EMULATORS = {
 
 
 @pytest.mark.parametrize("target", EMULATED)
-def test_the_library_of_a_wheel_gives_the_promised_digits(
-    wheels: dict[str, Path], tmp_path: Path, target: str
-) -> None:
+def test_the_library_of_a_wheel_gives_the_promised_digits(wheels, tmp_path, target):
     """The exported test calls the library instead of the exported object; by Linux's libm to the same bytes."""
     if missing := [
         one[0] for one in (EMULATED[target], EMULATORS[target]) if one and not shutil.which(one[0])

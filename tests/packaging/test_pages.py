@@ -1,9 +1,6 @@
 """Pages are short, plain and up to date."""
 
-from __future__ import annotations
-
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -22,21 +19,21 @@ DECISIONS = sorted(
     reason="other versions of Python and Click print signatures and help in another way",
 )
 @pytest.mark.parametrize("name", PAGES)
-def test_the_reference_is_what_the_code_says(name: str) -> None:
+def test_the_reference_is_what_the_code_says(name):
     page = (REFERENCE / f"{name}.md").read_text(encoding="utf-8")
     assert page == PAGES[name](), "run python -m scripts.make_reference"
 
 
-def test_pages_for_users_are_few_words() -> None:
+def test_pages_for_users_are_few_words():
     assert sum(map(words, user_pages())) <= 20_000
     assert words(ROOT / "README.md") <= 500
 
 
 @pytest.mark.parametrize("page", user_pages(), ids=lambda page: str(page.relative_to(ROOT)))
-def test_no_sentence_is_long(page: Path) -> None:
+def test_no_sentence_is_long(page):
     assert long_sentences(page) == []
 
 
-def test_decisions_are_few_and_short() -> None:
+def test_decisions_are_few_and_short():
     assert len(DECISIONS) <= 20
     assert {path.name: words(path) for path in DECISIONS if words(path) > 300} == {}

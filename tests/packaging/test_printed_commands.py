@@ -3,8 +3,6 @@
 Pages that print the same blocks share a shell and a folder; such a block runs once.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
@@ -12,7 +10,6 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,7 +84,7 @@ class Block(NamedTuple):
     text: str
 
 
-def blocks_of(page: str) -> list[Block]:
+def blocks_of(page):
     """All blocks of a page that are shown with a language."""
     return [
         Block(*found.groups())
@@ -98,7 +95,7 @@ def blocks_of(page: str) -> list[Block]:
 class Shell:
     """A shell in a folder, which keeps its variables and jobs from block to block."""
 
-    def __init__(self, folder: Path, programs: Path, domain: int) -> None:
+    def __init__(self, folder, programs, domain):
         self.programs = programs
         self.domain = domain
         self.printed: dict[str, str] = {}
@@ -119,7 +116,7 @@ class Shell:
             start_new_session=True,
         )
 
-    def run(self, text: str) -> str:
+    def run(self, text):
         """Run a block; return what it prints."""
         assert self.process.stdin
         assert self.process.stdout
@@ -139,7 +136,7 @@ class Shell:
             timer.cancel()
         raise AssertionError(f"failed:\n{text}\n{printed}")
 
-    def close(self) -> None:
+    def close(self):
         """End the shell and all that it has started."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, 9)
@@ -147,7 +144,7 @@ class Shell:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """The folder of the sources, as links, so that what the commands write stays out of it."""
     for path in ROOT.iterdir():
         if path.name not in ("knee_contact_demo", ".git", ".venv"):
@@ -159,14 +156,14 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(scope="session")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def programs(tmp_path_factory):
     """A folder with a `knee-contact` that starts at once; `make demo` runs the installed one."""
     with warm_commands(tmp_path_factory.mktemp("warm")) as programs:
         yield programs
 
 
 @pytest.fixture
-def shell(folder: Path, programs: Path) -> Iterator[Shell]:
+def shell(folder, programs):
     """A shell in that folder, with a ROS domain that no other test has."""
     with domain_id() as domain:
         shell = Shell(folder, programs, domain)
@@ -175,9 +172,7 @@ def shell(folder: Path, programs: Path) -> Iterator[Shell]:
 
 
 @pytest.mark.parametrize("pages", GROUPS, ids=" ".join)
-def test_what_a_page_prints_runs_and_prints_what_is_shown(
-    pages: list[str], shell: Shell, folder: Path
-) -> None:
+def test_what_a_page_prints_runs_and_prints_what_is_shown(pages, shell, folder):
     names: dict[str, Any] = {"__name__": "page"}
     printed = ""
     for before, kind, text in [block for page in pages for block in blocks_of(page)]:
@@ -206,7 +201,7 @@ def test_what_a_page_prints_runs_and_prints_what_is_shown(
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_pictures_and_files_that_a_page_names_are_there(page: str) -> None:
+def test_pictures_and_files_that_a_page_names_are_there(page):
     for name in re.findall(
         r"`((?:examples|config|bags|docs)/[\w/.-]+)`", (ROOT / page).read_text(encoding="utf-8")
     ):

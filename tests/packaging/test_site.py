@@ -1,12 +1,9 @@
 """The pages as a site: every link and anchor is right, and all of it works without a network."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,7 +22,7 @@ PATH_OF_A_TEST = re.compile(r"`(tests/[\w/.]+)`")
 FRONT = "README.html"
 
 
-def build(source: Path, site: Path) -> subprocess.CompletedProcess[str]:
+def build(source, site):
     """As `make docs` does."""
     options = [
         "--quiet",
@@ -50,7 +47,7 @@ def build(source: Path, site: Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     """All of it, from this tree."""
     folder = tmp_path_factory.mktemp("site") / "site"
     told = build(ROOT, folder)
@@ -58,7 +55,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_every_page_is_on_it(site: Path) -> None:
+def test_every_page_is_on_it(site):
     pages = {page.relative_to(ROOT) for kind in ("*.md", "*.rst") for page in ROOT.rglob(kind)}
     ours = {page for page in pages if not page.parts[0].startswith((".", *NOT_OURS))}
     assert Path("README.md") in ours
@@ -74,7 +71,7 @@ def test_every_page_is_on_it(site: Path) -> None:
         "docs/reference/commands.html",
     ],
 )
-def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -> None:
+def test_a_browser_asks_no_network_for_it(browser, site, page):
     browser.get_log("browser"), browser.get_log("performance")  # those of before
     browser.get((site / page).as_uri())
     assert browser.get_log("browser") == []
@@ -85,7 +82,7 @@ def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -
     assert all(width > 0 for width in pictures)
 
 
-def test_a_broken_anchor_is_told(tmp_path: Path) -> None:
+def test_a_broken_anchor_is_told(tmp_path):
     source = tmp_path / "source"
     source.mkdir()
     (source / "README.md").write_text("# Front\n\n[a link](#nowhere)\n", encoding="utf-8")
@@ -94,7 +91,7 @@ def test_a_broken_anchor_is_told(tmp_path: Path) -> None:
     assert "nowhere" in done.stderr
 
 
-def test_the_quality_declaration_names_tests_that_are_there() -> None:
+def test_the_quality_declaration_names_tests_that_are_there():
     named = PATH_OF_A_TEST.findall((ROOT / "QUALITY_DECLARATION.md").read_text(encoding="utf-8"))
     assert len(named) > 20
     assert [name for name in named if not (ROOT / name).exists()] == []

@@ -1,14 +1,11 @@
 """From names to models, in this process and another; subject files; and implausible parameters are reported."""
 
-from __future__ import annotations
-
 import copy
 import shutil
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.study_file import Study
-from knee_contact_ros.model.knee import BUDGET, KneeModel
+from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer, Range
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters import schema
@@ -37,7 +34,7 @@ LOAD = 700.0 + 200.0 * np.sin(25.0 * TIME)
 
 
 @pytest.mark.parametrize("law", CONTACT_LAWS)
-def test_every_law_works_with_both_drives(law: str) -> None:
+def test_every_law_works_with_both_drives(law):
     names = {"contact.law": law, "tibia.geometry": "circle", "fidelity.tolerance": 1e-9}
     forced = knee_contact_ros.load_model(names).run(TIME, ANGLE, LOAD)
     led = knee_contact_ros.load_model(names | {"drive": "displacement"})
@@ -62,7 +59,7 @@ def test_every_law_works_with_both_drives(law: str) -> None:
         assert np.all(series.contact_force >= 0.0)
 
 
-def test_stiffness_from_the_material_is_hertz() -> None:
+def test_stiffness_from_the_material_is_hertz():
     names = {
         "contact.stiffness_from": "material",
         "contact.law": "two_layer_elastic",
@@ -79,7 +76,7 @@ def test_stiffness_from_the_material_is_hertz() -> None:
     assert law.static_force(0.006) == pytest.approx(beyond, rel=1e-4)
 
 
-def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
+def test_numbers_reach_the_model_when_it_is_made_and_when_they_change():
     model = knee_contact_ros.load_model({"fidelity.force_tolerance": 2.5})
     assert (model.force_tolerance, model.constants.force_tolerance) == (2.5, 2.5)
     assert (model.constants.level, model.constants.budget, model.constants.allow_tension) == (
@@ -111,8 +108,8 @@ def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
 
 
 def test_a_level_of_earlier_versions_is_dynamic_and_one_line_is_logged(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+    caplog,
+):
     schema._warn_first_order_removed.cache_clear()
     for _ in range(2):
         parameters = load_parameters({"fidelity.level": "first_order"})
@@ -124,8 +121,8 @@ def test_a_level_of_earlier_versions_is_dynamic_and_one_line_is_logged(
 
 
 def test_a_law_that_breaks_the_contract_is_refused_by_its_name(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     made = ContactLaw((Layer(stiffness=1e7), Layer(0.0, 0.0, 1e8)))
     monkeypatch.setitem(CONTACT_LAWS, "hertz", lambda *, stiffness, exponent: made)
     with pytest.raises(
@@ -143,7 +140,7 @@ def law_with_an_edge(
     return CONTACT_LAWS["hertz"](stiffness=stiffness, exponent=1.0 + edge)
 
 
-def test_a_constant_of_one_law_is_a_parameter() -> None:
+def test_a_constant_of_one_law_is_a_parameter():
     section = with_constants_of_laws({**CONTACT_LAWS, "edged": law_with_an_edge})
     assert set(section.model_fields) == {*ContactSection.model_fields, "edge"}
     assert section.model_fields["edge"].description == "[m] of it"
@@ -154,25 +151,25 @@ def test_a_constant_of_one_law_is_a_parameter() -> None:
             section(edge=bad)
 
 
-def bits(knee: KneeModel) -> bytes:
+def bits(knee):
     time = 0.002 * np.arange(6)
     return knee.run(time, 0.1 + time, 600.0 + 4e3 * time).tobytes()
 
 
-def test_a_loaded_model_works_in_another_process() -> None:
+def test_a_loaded_model_works_in_another_process():
     knee = knee_contact_ros.load_model(["osteoarthritis", "mri_femur"])
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         assert pool.submit(bits, knee).result(120.0) == bits(knee)
     assert isinstance(copy.deepcopy(knee).run([0.0], [0.1], [700.0]), knee_contact_ros.Results)
 
 
-def subject(folder: Path, text: str) -> Path:
+def subject(folder, text):
     path = folder / "subject.yaml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def test_the_generic_model_is_the_papers(tmp_path: Path) -> None:
+def test_the_generic_model_is_the_papers(tmp_path):
     parameters = load_parameters(subject(tmp_path, "mass: 75.16\n"))
     assert parameters.body_weight == pytest.approx(
         737.068, abs=5e-4
@@ -185,7 +182,7 @@ def test_the_generic_model_is_the_papers(tmp_path: Path) -> None:
     assert scaled.body_weight == pytest.approx(711.963, abs=1e-3)
 
 
-def test_a_subject_file_sets_all_that_it_may(tmp_path: Path, config: Path) -> None:
+def test_a_subject_file_sets_all_that_it_may(tmp_path, config):
     shutil.copy(config / "femur_medial.csv", tmp_path / "mine.csv")
     text = """
 name: somebody
@@ -225,15 +222,13 @@ bag: gait
         ("mass: 70\nparameters: [none.yaml]\n", "none.yaml"),
     ],
 )
-def test_what_is_not_allowed_is_one_line(tmp_path: Path, text: str, words: str) -> None:
+def test_what_is_not_allowed_is_one_line(tmp_path, text, words):
     with pytest.raises(UsageError) as caught:
         load_parameters(Subject(subject(tmp_path, text)).path)
     assert words in str(caught.value)
 
 
-def test_solve_takes_a_subject_and_reports_what_is_missing(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_solve_takes_a_subject_and_reports_what_is_missing(right_bag, tmp_path, capsys):
     path = subject(
         tmp_path,
         f"mass: 72.6\nthickness: 0.0006\nparameters: [osteoarthritis.yaml]\nbag: {right_bag}\n",
@@ -253,9 +248,7 @@ def test_solve_takes_a_subject_and_reports_what_is_missing(
     assert "none.yaml: cannot read the subject file" in capsys.readouterr().err
 
 
-def test_a_subject_file_gives_every_door_the_same_knee(
-    right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_subject_file_gives_every_door_the_same_knee(right_bag, tmp_path, monkeypatch):
     """The model, `solve`, a study, estimates of loads; `tests/ros/test_node.py` starts the node with one."""
     path = subject(
         tmp_path,
@@ -294,9 +287,7 @@ def test_a_subject_file_gives_every_door_the_same_knee(
         ),
     ],
 )
-def test_a_study_says_what_a_subject_file_lacks(
-    tmp_path: Path, text: str, study: dict[str, Any], words: str
-) -> None:
+def test_a_study_says_what_a_subject_file_lacks(tmp_path, text, study, words):
     with pytest.raises(UsageError, match=words):
         Study(subjects=[str(subject(tmp_path, text))], **study)
     with pytest.raises(UsageError, match="needs bags, or subjects"):
@@ -310,7 +301,7 @@ HALF = r"under 368\.5 N \(0\.5 body weights\)"
 MILLISECOND = 1_000_000
 
 
-def doubts(**values: Any) -> Doubts:
+def doubts(**values):
     """Those about parameters, `__` standing for a dot."""
     parameters = load_parameters(
         {name.replace("__", "."): value for name, value in values.items()}
@@ -318,7 +309,7 @@ def doubts(**values: Any) -> Doubts:
     return doubts_about(parameters, build_model(parameters))
 
 
-def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
+def test_the_defaults_and_all_shipped_files_make_sense(config):
     combinations = [[], ["healthy.yaml"], ["osteoarthritis.yaml"]]
     combinations += [
         [*files, knee]
@@ -403,9 +394,7 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
         ({"body_weight": 75.0}, r"^body_weight 75 N: is it kg\? 75 kg weigh 735\.5 N$"),
     ],
 )
-def test_parameters_in_another_unit_are_reported_in_a_sentence(
-    values: dict[str, Any], words: str
-) -> None:
+def test_parameters_in_another_unit_are_reported_in_a_sentence(values, words):
     with pytest.warns(UserWarning, match=words) as caught:
         knee_contact_ros.load_model(values)
     assert len(caught) == 1
@@ -413,7 +402,7 @@ def test_parameters_in_another_unit_are_reported_in_a_sentence(
     assert caught[0].filename == __file__  # where the user called
 
 
-def test_a_contact_beyond_the_plateau_is_reported() -> None:
+def test_a_contact_beyond_the_plateau_is_reported():
     """Of a femur whose origin is at the hip."""
     nothing = dict.fromkeys(("flexion_angle", "penetration_depth", "gap"), np.zeros(4))
     watch = Doubts()
@@ -434,9 +423,7 @@ def test_a_contact_beyond_the_plateau_is_reported() -> None:
     assert (watch.too_deep, watch.flown) == (0, 0)
 
 
-def test_solve_reports_it_on_the_terminal_and_in_its_table(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_solve_reports_it_on_the_terminal_and_in_its_table(right_bag, tmp_path, capsys):
     output = tmp_path / "out.mcap"
     arguments = [
         str(right_bag),
@@ -464,9 +451,7 @@ def test_solve_reports_it_on_the_terminal_and_in_its_table(
         assert f"warning {line.partition(' warning: ')[2][:30]}" in words
 
 
-def test_solve_marks_the_peaks_of_a_landing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_solve_marks_the_peaks_of_a_landing(tmp_path, capsys):
     loads = [-200.0 if 50 <= i < 60 else 900.0 for i in range(121)]
     thrown = make_bag(
         tmp_path / "thrown.mcap",

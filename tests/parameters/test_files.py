@@ -1,13 +1,10 @@
 """Parameters of both nodes, from files and mappings, and the files that they name: what is read and what is refused."""
 
-from __future__ import annotations
-
 import json
 import os
 import random
 import re
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +32,7 @@ from knee_contact_ros.system.files import shipped_parameter_files
 from tests.helpers.recordings_of import recording_with
 
 
-def test_mappings_may_be_nested_dotted_or_a_files_content() -> None:
+def test_mappings_may_be_nested_dotted_or_a_files_content():
     forms: list[dict[str, Any]] = [
         {"contact": {"damping": 10.0}},
         {"contact.damping": 10.0},
@@ -53,7 +50,7 @@ def test_mappings_may_be_nested_dotted_or_a_files_content() -> None:
     assert all(parameters.contact.damping == 10.0 for parameters in found)
 
 
-def test_files_are_read_as_ros_reads_them(tmp_path: Path) -> None:
+def test_files_are_read_as_ros_reads_them(tmp_path):
     path = tmp_path / "p.yaml"
     path.write_text(
         "knee_contact:\n  ros__parameters:\n    use_sim_time: true\n"
@@ -68,7 +65,7 @@ def test_files_are_read_as_ros_reads_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "damped"), [("osteoarthritis", True), ("osteoarthritis_as_printed", False)]
 )
-def test_osteoarthritis_changes_the_law_and_its_layers_alone(name: str, damped: bool) -> None:
+def test_osteoarthritis_changes_the_law_and_its_layers_alone(name, damped):
     """Of a person's knee, whose parameters were given before."""
     person = {
         "body_weight": 931.6,
@@ -117,8 +114,8 @@ VARIED: list[dict[str, Any]] = [
     "common", [{}, BOTH, {"contact.law": "hertz"}], ids=["one", "both", "law"]
 )
 def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(
-    common: dict[str, Any],
-) -> None:
+    common,
+):
     """Lateral values of a knee that has no lateral compartment mean nothing, and need not follow the medial ones."""
     base = load_parameters(common)
     before, varied = base.model_dump_json(), variations_of(base)
@@ -128,7 +125,7 @@ def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(
     assert base.model_dump_json() == before
 
 
-def contents(made: Callable[[], Parameters]) -> str:
+def contents(made):
     """Return all values that an answer depends on, or why there are none."""
     try:
         parameters = made()
@@ -139,13 +136,11 @@ def contents(made: Callable[[], Parameters]) -> str:
     )
 
 
-def test_healthy_is_the_papers_table(config: Path) -> None:
+def test_healthy_is_the_papers_table(config):
     assert load_parameters(config / "healthy.yaml") == load_parameters({})
 
 
-def test_a_name_means_a_file_here_or_one_of_the_packages_own(
-    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_means_a_file_here_or_one_of_the_packages_own(config, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shipped = load_parameters(config / "osteoarthritis.yaml")
     assert load_parameters("osteoarthritis") == load_parameters("osteoarthritis.yaml") == shipped
@@ -164,7 +159,7 @@ def test_a_name_means_a_file_here_or_one_of_the_packages_own(
     assert load_parameters(["mri_femur", {"femur.geometry": "circle"}]).femur.geometry == "circle"
 
 
-def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
+def test_files_from_a_spreadsheet_are_read(tmp_path):
     path = tmp_path / "translation.csv"
     path.write_bytes(b"\xef\xbb\xbfflexion_angle,x\r\n  # a remark\r\n0.0,0.0\r\n 1.0, 0.002\r\n")
     model = knee_contact_ros.load_model(
@@ -177,7 +172,7 @@ HIP, ANKLE = {"hip.joint_name": "hip"}, {"ankle.joint_name": "ankle"}
 FULL, ON_FOOT = {"ground.components": "full"}, {"ground.axes": "foot"}
 
 
-def load(values: Any) -> LoadParameters:
+def load(values):
     return load_parameters(values, LoadParameters)
 
 
@@ -195,9 +190,7 @@ def load(values: Any) -> LoadParameters:
         (FULL | ON_FOOT | HIP | ANKLE, 3),
     ],
 )
-def test_inputs_allow_levels_and_auto_is_the_last_of_them(
-    inputs: dict[str, Any], allowed: int
-) -> None:
+def test_inputs_allow_levels_and_auto_is_the_last_of_them(inputs, allowed):
     parameters = load(inputs)
     assert allowed_levels(parameters) == list(LOAD_LEVELS)[:allowed]
     assert parameters.chosen_level == list(LOAD_LEVELS)[allowed - 1]
@@ -214,7 +207,7 @@ def test_inputs_allow_levels_and_auto_is_the_last_of_them(
         )
 
 
-def test_shipped_files_load_and_name_their_level(config: Path) -> None:
+def test_shipped_files_load_and_name_their_level(config):
     names = {f"load/{path.stem}": path for path in shipped_parameter_files("load")}
     assert set(names) == {"load/gait2354", "load/insole", "load/inverse_dynamics"}
     for name, path in names.items():
@@ -224,7 +217,7 @@ def test_shipped_files_load_and_name_their_level(config: Path) -> None:
     assert load("load/insole") == load({})  # it sets the defaults
 
 
-def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
+def test_a_file_has_sections_for_both_nodes(tmp_path):
     path = tmp_path / "leg.yaml"
     path.write_text(
         "/**/knee_load:\n  ros__parameters:\n    person: {mass: 60.0}\n    hip.joint_name: hip\n"
@@ -298,9 +291,7 @@ ALL = [
 
 
 @pytest.mark.parametrize(("schema", "source", "words"), ALL)
-def test_what_is_not_allowed_is_refused_in_one_line(
-    schema: type[NodeSection], source: Any, words: str
-) -> None:
+def test_what_is_not_allowed_is_refused_in_one_line(schema, source, words):
     with pytest.raises(UsageError, match=words):
         load_parameters(source, schema)
 
@@ -322,7 +313,7 @@ ALL_NODES = "/**:\n  ros__parameters: "
         (ALL_NODES + "5", "ros__parameters must map names to values, got 5"),
     ],
 )
-def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str) -> None:
+def test_bad_files_are_refused_by_name(tmp_path, content, words):
     path = tmp_path / "bad.yaml"
     path.write_text(content)
     with pytest.raises(UsageError, match=words) as caught:
@@ -347,9 +338,7 @@ SLOPED = "ros__parameters: {tibia.slope: 0.1}\n"
         (LoadParameters, ALL_NODES + "{femur.mass: 9.0}", "unknown parameter femur.mass; "),
     ],
 )
-def test_knees_may_share_a_file(
-    tmp_path: Path, schema: type[NodeSection], content: str, words: str
-) -> None:
+def test_knees_may_share_a_file(tmp_path, schema, content, words):
     """What one knee has need not go with what another one has, but with what all have."""
     path = tmp_path / "knees.yaml"
     path.write_text(content)
@@ -366,7 +355,7 @@ PLATEAU = {"tibia.geometry": "profile", "tibia.profile": "{}"}
 NAMED = {"femur.profile": PROFILE, "translation.table": TABLE, "tibia.profile": PLATEAU}
 
 
-def naming(values: dict[str, str], path: Path | str) -> dict[str, Any]:
+def naming(values, path):
     return {name: value.format(path) for name, value in values.items()}
 
 
@@ -394,9 +383,7 @@ def naming(values: dict[str, str], path: Path | str) -> dict[str, Any]:
         ),
     ],
 )
-def test_bad_curves_are_refused(
-    tmp_path: Path, values: dict[str, str], content: str | None, words: str
-) -> None:
+def test_bad_curves_are_refused(tmp_path, values, content, words):
     path = tmp_path / "curve.csv"
     if content is not None:
         path.write_text(content)
@@ -407,9 +394,7 @@ def test_bad_curves_are_refused(
 
 
 @pytest.mark.parametrize("parameter", NAMED)
-def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(
-    parameter: str, tmp_path: Path
-) -> None:
+def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(parameter, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for no_file in (
         tmp_path / "pipe",
@@ -430,9 +415,7 @@ def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(
         knee_contact_ros.load_model(naming(NAMED[parameter], path))
 
 
-def test_no_file_is_opened_that_a_recording_names(
-    right_bag: Path, config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_file_is_opened_that_a_recording_names(right_bag, config, tmp_path, capsys):
     """A pipe that is opened would never end. Of view and report: `tests/hostile`."""
     recording, pipe = tmp_path / "theirs.mcap", tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -452,9 +435,7 @@ def test_no_file_is_opened_that_a_recording_names(
 @pytest.mark.parametrize(
     "parameters", ['"/dev/zero"', '["/dev/zero"]', "[" * 100_000, '{"a": ' * 500 + "1" + "}" * 500]
 )
-def test_parameters_of_a_recording_are_names_and_values(
-    parameters: str, right_bag: Path, tmp_path: Path
-) -> None:
+def test_parameters_of_a_recording_are_names_and_values(parameters, right_bag, tmp_path):
     """A text or a list would be names of files."""
     record = provenance_record(load_parameters({}), {}) | {"parameters": parameters}
     recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
@@ -473,9 +454,7 @@ def test_parameters_of_a_recording_are_names_and_values(
         ([0.01, 0.01], ""),
     ],
 )
-def test_a_femur_that_leaves_the_plateau_is_reported(
-    origin: list[float], words: str, tmp_path: Path
-) -> None:
+def test_a_femur_that_leaves_the_plateau_is_reported(origin, words, tmp_path):
     """The arc's centre lies near the femur's origin, or far from it as of a mesh from a scanner."""
     turn = np.linspace(2.2, -0.3, 60)
     path = tmp_path / "curve.csv"
@@ -498,7 +477,7 @@ def test_a_femur_that_leaves_the_plateau_is_reported(
         ("fidelity.budget", "20000", 20_000),
     ],
 )
-def test_a_number_may_be_a_text(name: str, text: str, number: float) -> None:
+def test_a_number_may_be_a_text(name, text, number):
     assert all_values(load_parameters({name: text}))[name] == number
     assert all_values(load_parameters({"record.path": "12"}))["record.path"] == "12"
 
@@ -507,7 +486,7 @@ PERSON = {"person.mass": 92.0, "knee": {"joint_name": "motor", "sign": -1.0, "of
 """What is entered once for both nodes, under the names of the load node"""
 
 
-def sections_of(draw: random.Random) -> dict[str, Any]:
+def sections_of(draw):
     """A file's content: the person and the encoder in a section of one node, or of both, under either's names."""
     as_contact = {
         "body_weight": 92.0 * GRAVITY,
@@ -529,7 +508,7 @@ def sections_of(draw: random.Random) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_person_and_encoder_are_entered_once_for_both_nodes(seed: int) -> None:
+def test_person_and_encoder_are_entered_once_for_both_nodes(seed):
     content = sections_of(random.Random(seed))
     contact = load_parameters(content)
     load = load_parameters(content, LoadParameters)
@@ -542,7 +521,7 @@ def test_person_and_encoder_are_entered_once_for_both_nodes(seed: int) -> None:
         assert (knee.joint_name, sign, offset) == ("motor", -1.0, 0.1)
 
 
-def test_mass_and_weight_check_each_other_and_encoders_may_differ() -> None:
+def test_mass_and_weight_check_each_other_and_encoders_may_differ():
     content = {
         "knee_load": {"ros__parameters": dict(PERSON)},
         "knee_contact": {"ros__parameters": {"body_weight": 737.068}},

@@ -1,9 +1,6 @@
 """The compartment's part of a joint reaction: by rules, by a table, and the report of a split that cannot be used."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ from mcap.reader import make_reader
 
 from knee_contact_ros.bags.answers import read_answers, read_bag
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
+from knee_contact_ros.joint_reaction.compartments import MeasuredShare
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.curves import curve_texts, read_share_table
@@ -26,18 +23,18 @@ WEIGHT = 737.068
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 
 
-def wrench(force_y: float, moment_x: float) -> WrenchStamped:
+def wrench(force_y, moment_x):
     return WrenchStamped(0, "tibia_r", (0.0, force_y, 0.0), (moment_x, 0.0, 0.0))
 
 
-def part(force_y: float, moment_x: float, **load: Any) -> float:
+def part(force_y, moment_x, **load):
     parameters = load_parameters({"load": load})
     rule = load_rule(parameters, curve_texts(parameters, {}))
     sample = load_sample(wrench(force_y, moment_x), rule if rule.by_moment else None)
     return float(rule(sample.axial, sample.moment, 0.0))
 
 
-def answers_in(path: Path) -> list[bytes]:
+def answers_in(path):
     with path.open("rb") as file:
         return [
             message.data
@@ -45,7 +42,7 @@ def answers_in(path: Path) -> list[bytes]:
         ]
 
 
-def test_every_compartment_by_hand() -> None:
+def test_every_compartment_by_hand():
     assert part(-1000.0, 12.0, compartment="total") == 1000.0
     assert part(-1000.0, 12.0, compartment="fixed_share", share=0.6) == pytest.approx(600.0)
     # 500 N each, and 21 N m between two compartments 70 mm apart take 300 N from the medial one.
@@ -55,7 +52,7 @@ def test_every_compartment_by_hand() -> None:
     ) == pytest.approx(700.0)
 
 
-def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
+def test_a_moment_that_is_no_number_is_refused_where_it_is_needed():
     assert part(-1000.0, float("nan")) == 500.0
     with pytest.raises(RefusedSampleError, match=r"torque\.x is nan"):
         part(-1000.0, float("nan"), compartment="moment_balance")
@@ -63,9 +60,7 @@ def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
         part(-1000.0, 1e6, compartment="moment_balance")
 
 
-def test_a_recording_has_the_table_of_shares_that_it_was_made_with(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_has_the_table_of_shares_that_it_was_made_with(right_bag, tmp_path, capsys):
     table, first, again = (tmp_path / name for name in ("mine.csv", "first.mcap", "again.mcap"))
     table.write_text("0,0,0.4\n0,9,0.9\n1.5,0,0.4\n1.5,9,0.6\n", encoding="utf-8")
     rule = ["-p", "load.compartment:=measured_share", "-p", f"load.share_file:={table}"]
@@ -79,9 +74,7 @@ def test_a_recording_has_the_table_of_shares_that_it_was_made_with(
 
 
 @pytest.mark.parametrize("leg", ["right", "left"])
-def test_an_impossible_split_is_reported_and_flagged(
-    leg: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_impossible_split_is_reported_and_flagged(leg, right_bag, tmp_path, capsys):
     """Of gait2354's moments between compartments 40 mm apart; between the default 70 mm nothing is wrong."""
     output = tmp_path / "out.mcap"
     balance = [
@@ -118,12 +111,12 @@ def test_an_impossible_split_is_reported_and_flagged(
 SMALL = "flexion_angle,axial_load,medial_share\n0,0,0.5\n0,2,0.7\n1,0,0.3\n1,2,1\n"
 
 
-def shipped() -> ShareTable:
+def shipped():
     path = Path(__file__).parents[2] / "config" / "share_medial.csv"
     return read_share_table(path.name, path.read_text(encoding="utf-8"))
 
 
-def test_a_small_table_by_hand() -> None:
+def test_a_small_table_by_hand():
     rule = MeasuredShare(read_share_table("small.csv", SMALL), 500.0)
     assert rule.share_at(500.0, 0.0) == pytest.approx(0.6)
     assert rule.share_at(500.0, 0.5) == pytest.approx((0.5 + 0.7 + 0.3 + 1.0) / 4.0)
@@ -144,9 +137,7 @@ def test_a_small_table_by_hand() -> None:
 
 
 @given(axial=st.floats(-1e4, 1e5), flexion=st.floats(-6.3, 6.3))
-def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(
-    axial: float, flexion: float
-) -> None:
+def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(axial, flexion):
     rule = MeasuredShare(shipped(), WEIGHT)
     assert rule.share_at(np.array([axial]), np.array([flexion])).tolist() == [
         rule.share_at(axial, flexion)
@@ -157,7 +148,7 @@ def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(
     ]
 
 
-def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
+def test_rows_in_any_order_with_and_without_names_are_one_table():
     lines = SMALL.splitlines()
     for text in (
         "\n".join(lines[1:]),
@@ -190,7 +181,7 @@ def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
         ("#" * (2**20 + 1), "characters; at most"),
     ],
 )
-def test_what_is_no_table_is_refused_in_one_line(text: str, reason: str) -> None:
+def test_what_is_no_table_is_refused_in_one_line(text, reason):
     with pytest.raises(UsageError, match=reason) as raised:
         read_share_table("mine.csv", text)
     assert str(raised.value).startswith("parameter load.share_file: mine.csv ")

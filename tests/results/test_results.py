@@ -1,13 +1,9 @@
 """What a run's answers are in a notebook, and in other libraries."""
 
-from __future__ import annotations
-
 import pickle
 import re
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +18,7 @@ TIME = np.arange(0.0, 0.5, 0.005)
 
 
 @pytest.fixture(scope="module")
-def results() -> Results:
+def results():
     """A model's, on a tibia that moves the place of contact."""
     model = knee_contact_ros.load_model({"tibia.slope": 0.1})
     run = model.run(TIME, 0.3 + 0.2 * np.sin(9.0 * TIME), 700.0 + 500.0 * np.sin(12.0 * TIME))
@@ -30,7 +26,7 @@ def results() -> Results:
     return run
 
 
-def test_they_are_the_same_record_array_with_more_to_it(results: Results) -> None:
+def test_they_are_the_same_record_array_with_more_to_it(results):
     assert isinstance(results, np.recarray)
     assert type(results.contact_force) is np.ndarray
     assert results.time == pytest.approx(TIME, abs=1e-12)
@@ -41,7 +37,7 @@ def test_they_are_the_same_record_array_with_more_to_it(results: Results) -> Non
     assert {"contact_force", "penetration_depth", "time", "to_pandas", "plot"} <= set(dir(results))
 
 
-def test_parts_and_what_is_put_together_are_such_too(results: Results) -> None:
+def test_parts_and_what_is_put_together_are_such_too(results):
     for part in (
         results[10:20],
         results[results.load > 700.0],
@@ -64,7 +60,7 @@ def test_parts_and_what_is_put_together_are_such_too(results: Results) -> None:
     assert results.contact_point._repr_html_() is some._repr_html_() is None
 
 
-def test_some_fields_are_some_columns_of_their_own(results: Results) -> None:
+def test_some_fields_are_some_columns_of_their_own(results):
     some = columns(results[["stamp", "load", "contact_point"]])
     assert set(some) == {"time", "stamp", "load", *(f"contact_point_{axis}" for axis in "xyz")}
     assert (some["contact_point_x"] == results.contact_point.x).all()
@@ -81,7 +77,7 @@ def test_some_fields_are_some_columns_of_their_own(results: Results) -> None:
     assert all(column.flags.c_contiguous and column.ndim == 1 for column in numbers.values())
 
 
-def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
+def test_they_fit_a_line_and_a_terminal(results):
     assert re.fullmatch(
         r"<Results: 100 ticks over 0\.495 s, at most \d+\.\d N and 0\.\d+ mm>", repr(results)
     )
@@ -98,7 +94,7 @@ def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
     assert repr(results[:1]).startswith("<Results: 1 tick over 0.000 s, ")
 
 
-def test_texts_are_short_and_a_wrong_name_suggests_the_right_one(right_bag: Path) -> None:
+def test_texts_are_short_and_a_wrong_name_suggests_the_right_one(right_bag):
     gait = knee_contact_ros.solve(right_bag)
     cohort = knee_contact_ros.sweep(right_bag, {"contact.damping": [1e3, 2e3]})
     sure = knee_contact_ros.uncertainty(right_bag, None, {"contact.stiffness": "20 %"})
@@ -131,7 +127,7 @@ def test_texts_are_short_and_a_wrong_name_suggests_the_right_one(right_bag: Path
             getattr(thing, wrong)
 
 
-def assert_whole(names: Any, column: Any, results: Results) -> None:
+def assert_whole(names, column, results):
     """All numbers are there, bit for bit, and nothing but numbers."""
     flat = np.asarray(results).view(FLAT)
     assert list(names) == ["run", *(FLAT.names or ())]
@@ -141,7 +137,7 @@ def assert_whole(names: Any, column: Any, results: Results) -> None:
         )
 
 
-def test_pandas(results: Results) -> None:
+def test_pandas(results):
     pytest.importorskip("pandas")
     table = results.to_pandas()
     assert_whole(table.columns, table.__getitem__, results)
@@ -150,7 +146,7 @@ def test_pandas(results: Results) -> None:
     assert all(kind.kind in "fiu" for kind in table.dtypes)
 
 
-def test_polars_and_parquet(results: Results, tmp_path: Path) -> None:
+def test_polars_and_parquet(results, tmp_path):
     with pytest.raises(UsageError, match=r"whose names end in \.parquet"):
         results.to_parquet(tmp_path / "answers.csv")
     assert not list(tmp_path.iterdir())
@@ -162,7 +158,7 @@ def test_polars_and_parquet(results: Results, tmp_path: Path) -> None:
     assert polars.read_parquet(tmp_path / "answers.parquet").equals(table)
 
 
-def test_xarray_has_units(results: Results) -> None:
+def test_xarray_has_units(results):
     pytest.importorskip("xarray")
     data = results.to_xarray()
     assert_whole(list(data.data_vars), lambda name: data[name].values, results)
@@ -171,7 +167,7 @@ def test_xarray_has_units(results: Results) -> None:
     assert {name: data[name].attrs.get("units") for name in units} == units
 
 
-def test_units_are_those_of_the_message() -> None:
+def test_units_are_those_of_the_message():
     fields = re.findall(
         r"^\w[\w/]+ (\w+) +# (?:\[(.+?)\])?", (ROOT / "msg" / "KneeContact.msg").read_text(), re.M
     )
@@ -182,8 +178,8 @@ def test_units_are_those_of_the_message() -> None:
 
 
 def test_the_figure_has_the_four_curves_and_stamps_of_today_count_from_the_first_one(
-    results: Results,
-) -> None:
+    results,
+):
     pytest.importorskip("matplotlib")
     figure = results.plot()
     flexion, force, depth, point = figure.axes
@@ -225,7 +221,7 @@ for name, method, arguments in (
 """
 
 
-def test_a_missing_library_is_named_in_a_line() -> None:
+def test_a_missing_library_is_named_in_a_line():
     printed = subprocess.run(
         [sys.executable, "-c", ABSENT], capture_output=True, text=True, check=True
     ).stdout
@@ -235,7 +231,7 @@ def test_a_missing_library_is_named_in_a_line() -> None:
         assert "notebook" in line
 
 
-def test_parts_of_results_know_what_is_read_off_them(results: Results) -> None:
+def test_parts_of_results_know_what_is_read_off_them(results):
     whole = results.readouts
     assert whole.peak_pressure.shape == results.shape
     assert results[20:30].readouts.half_width.tolist() == whole.half_width[20:30].tolist()

@@ -1,7 +1,5 @@
 """A real ROS graph: the node in a process of its own, this process as its peer."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

@@ -1,7 +1,5 @@
 """What may go wrong between two good samples, and what it costs: the part of docs/reference/faults.md about streams."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

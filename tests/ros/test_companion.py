@@ -1,12 +1,9 @@
 """The example of an assist controller beside the real node: its commands fall, return, and end at zero."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from functools import partial
 
 import psutil
@@ -18,7 +15,7 @@ from examples.assist_as_needed import COMMANDS
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.patience import patience, wait_until
 from tests.helpers.processes import internet_sockets
-from tests.ros.conftest import Peer, Start, own_words
+from tests.ros.conftest import own_words
 
 EXAMPLE = share_folder() / "examples" / "assist_as_needed.py"
 PARAMETERS = EXAMPLE.with_suffix(".yaml")
@@ -31,7 +28,7 @@ LOW, HIGH = 1000.0, 4000.0
 class Loop:
     """A stream of samples at 200 Hz through node and companion, and the commands that come back."""
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer):
         self.peer = peer
         self.stamp = 0
         self.commands: list[float] = []
@@ -41,22 +38,22 @@ class Loop:
             Float64MultiArray, COMMANDS, self._on_command, QoSProfile(depth=1000)
         )
 
-    def _on_command(self, message: Float64MultiArray) -> None:
+    def _on_command(self, message):
         self.commands.append(message.data[0])
 
     @property
-    def torque(self) -> float:
+    def torque(self):
         """[N m] the newest command"""
         return self.commands[-1]
 
-    def wait_for_both(self) -> None:
+    def wait_for_both(self):
         """Wait until node and companion listen and speak."""
         self.peer.wait_for_node()
         self.peer.wait_until(
             lambda: self.peer.node.count_subscribers("knee_contact") == 2 and self.commands
         )
 
-    def send(self, axial: float) -> None:
+    def send(self, axial):
         """Publish a sample when it is due."""
         while (left := self._due - time.perf_counter()) > 0.0:
             self.peer.executor.spin_once(timeout_sec=left)
@@ -64,13 +61,13 @@ class Loop:
         self.stamp += STEP
         self.peer.send(self.stamp, 0.2, axial)
 
-    def send_until(self, axial: float, done: Callable[[], bool]) -> None:
+    def send_until(self, axial, done):
         """Publish samples until something has happened."""
         wait_until(done, partial(self.send, axial))
 
 
 @pytest.fixture
-def companion() -> Iterator[subprocess.Popen[str]]:
+def companion():
     """The example with quick rates, so that the test is short, and patience, for other tests may slow it down."""
     arguments = ["--params-file", str(PARAMETERS)]
     for setting in ("rise_rate:=100.0", "fall_rate:=100.0", "timeout:=0.5"):
@@ -85,7 +82,7 @@ def companion() -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.fixture
-def loop(peer: Peer, start_node: Start, companion: subprocess.Popen[str]) -> Loop:
+def loop(peer, start_node, companion):
     """All three at work, and the torque at its nominal value."""
     start_node()
     loop = Loop(peer)
@@ -96,8 +93,8 @@ def loop(peer: Peer, start_node: Start, companion: subprocess.Popen[str]) -> Loo
 
 
 def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_must(
-    loop: Loop, companion: subprocess.Popen[str]
-) -> None:
+    loop, companion
+):
     """Above the limit; where the stream jumps or stops; and at the end."""
     assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(companion.pid))} == {
         "127.0.0.1"
@@ -130,7 +127,7 @@ def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_mu
     assert "no assist: no answer for 0.5 s" in log
 
 
-def test_a_bad_parameter_ends_it_with_one_line() -> None:
+def test_a_bad_parameter_ends_it_with_one_line():
     command = [sys.executable, EXAMPLE, "--ros-args", "-p", "fall_rate:=-1.0"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=patience(), check=False)
     assert done.returncode == 2

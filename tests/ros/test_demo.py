@@ -1,13 +1,10 @@
 """The commands as a person runs them."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
@@ -30,7 +27,7 @@ LOADS = Path("load_recording") / "load_recording_0.mcap"
 TIMEOUT = 400  # two nodes on a new machine compile first
 
 
-def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+def run(*arguments):
     return subprocess.run(
         [*COMMAND, *map(str, arguments)],
         capture_output=True,
@@ -40,19 +37,17 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def recorded(path: Path, topics: Sequence[str] = RECORDED) -> list[tuple[str, int, str]]:
+def recorded(path, topics=RECORDED):
     types = types_of(topics)
     return [(m.topic, m.log_time, str(m.message)) for m in read_bag(path, types)]
 
 
-def addresses(process: psutil.Process) -> set[str]:
+def addresses(process):
     """Of its open sockets."""
     return {socket.laddr.ip for socket in internet_sockets(process)}
 
 
-def test_two_demos_at_once_give_what_solve_gives(
-    tmp_path: Path, right_bag: Path, config: Path
-) -> None:
+def test_two_demos_at_once_give_what_solve_gives(tmp_path, right_bag, config):
     """One beside a companion, which gives way and whose log is kept; the other one of a bag with bad samples."""
     rows = [(i * 5_000_000, 0.1, float("nan") if i in (3, 7) else 800.0) for i in range(40)]
     bag = make_bag(tmp_path / "in" / "bag.mcap", rows)
@@ -123,7 +118,7 @@ def test_two_demos_at_once_give_what_solve_gives(
 
 
 @pytest.fixture(scope="module")
-def estimated(sensors_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def estimated(sensors_bag, tmp_path_factory):
     """What `estimate-load` makes of the sensors' bag."""
     path = tmp_path_factory.mktemp("estimated") / "loads.mcap"
     assert (
@@ -136,8 +131,8 @@ def estimated(sensors_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 def test_from_sensors_the_companions_torque_assists_the_knee_that_it_listens_to(
-    tmp_path: Path, estimated: Path
-) -> None:
+    tmp_path, estimated
+):
     """Its torque takes itself off the net moment; the load follows, down or up."""
     done = run("demo", "--from-sensors", "--companion", "--output", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -177,8 +172,8 @@ def test_from_sensors_the_companions_torque_assists_the_knee_that_it_listens_to(
 
 
 def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     output, nodes = tmp_path / "out", 2
     command = [
         *COMMAND,
@@ -220,16 +215,14 @@ def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
     assert not psutil.wait_procs(processes, timeout=TIMEOUT)[1]
 
 
-def test_replay_says_when_nobody_listens(right_bag: Path) -> None:
+def test_replay_says_when_nobody_listens(right_bag):
     done = run("replay", right_bag, "--rate", "20", "--wait", "0.1")
     assert done.returncode == 0
     assert "not every topic has a subscriber after 0.1 s" in done.stderr
 
 
 @needs_viewer
-def test_on_a_terminal_with_a_screen_it_offers_to_open_the_scene(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_on_a_terminal_with_a_screen_it_offers_to_open_the_scene(tmp_path, monkeypatch):
     """Ctrl-D is a no; what is opened here is Rerun's viewer, which says that there is no such screen."""
     offers = f"offer(Path('{tmp_path}/a.rrd')); " * 3
     code = f"from pathlib import Path; from knee_contact_ros.commands.demo import offer; {offers}"

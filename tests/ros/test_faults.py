@@ -4,11 +4,8 @@ Every fault comes in the middle of a stream of good samples. All good samples mu
 Python calls give for them alone; the next answer must carry the fault's status bit, and its counter must count it.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
-from collections.abc import Iterator
 
 import pytest
 from knee_contact_ros.msg import KneeContact
@@ -21,7 +18,7 @@ from knee_contact_ros.streams.topics import stamp_to_ns
 from tests import ROOT
 from tests.helpers.patience import patience
 from tests.ros.conftest import NodeProcess, Peer, call
-from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angle_at
+from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Sample, angle_at
 
 SHARE = 0.5
 WAIT = 7.0
@@ -39,7 +36,7 @@ FIELDS = (
 class Running:
     """A node that lives through all of the faults, and what it must have refused so far."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.process = NodeProcess("use_sim_time:=true", f"pairing.wait:={WAIT}")
         self.refused: Counter[str] = Counter()
         self.unusable = 0
@@ -48,7 +45,7 @@ class Running:
 
 
 @pytest.fixture(scope="module")
-def running() -> Iterator[Running]:
+def running():
     running = Running()
     yield running
     running.process.process.kill()
@@ -56,7 +53,7 @@ def running() -> Iterator[Running]:
 
 
 @pytest.fixture(scope="module")
-def one_peer(running: Running) -> Iterator[Peer]:
+def one_peer(running):
     """Our side, which meets the node once."""
     peer = Peer()
     peer.node_process = running.process.process.pid
@@ -67,7 +64,7 @@ def one_peer(running: Running) -> Iterator[Peer]:
 
 
 @pytest.fixture
-def listening(one_peer: Peer) -> Iterator[Peer]:
+def listening(one_peer):
     """Our side, with the node at rest: its next tick starts anew."""
     assert call(one_peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
     one_peer.contacts.clear()
@@ -79,9 +76,7 @@ def listening(one_peer: Peer) -> Iterator[Peer]:
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_a_fault_costs_nothing_but_the_faulty_sample(
-    listening: Peer, running: Running, fault: Fault
-) -> None:
+def test_a_fault_costs_nothing_but_the_faulty_sample(listening, running, fault):
     peer, begin = listening, running.begin
     first = [Sample(begin + i * STEP, angle_at(i), 800.0 + 40.0 * i) for i in range(HALF)]
     first[0] = first[0]._replace(status=Status.TIME_RESET)
@@ -122,14 +117,14 @@ def test_a_fault_costs_nothing_but_the_faulty_sample(
     running.begin += 10 * SECOND
 
 
-def send(peer: Peer, samples: list[Sample], already: int = 0) -> None:
+def send(peer, samples, already=0):
     """Publish good samples and wait for all answers."""
     for sample in samples:
         peer.send(sample.stamp, sample.angle, sample.axial)
     peer.wait_until(lambda: len(peer.contacts) >= already + len(samples))
 
 
-def test_all_that_was_refused_is_counted(listening: Peer, running: Running) -> None:
+def test_all_that_was_refused_is_counted(listening, running):
     """Runs last: the sums over all faults of this file."""
     expected = {reason: str(count) for reason, count in running.refused.items()}
     expected["total"] = str(running.refused.total())
@@ -147,7 +142,7 @@ ENTRIES = {"pairing", "reliability"}
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_the_documented_table_says_what_a_fault_costs(fault: Fault) -> None:
+def test_the_documented_table_says_what_a_fault_costs(fault):
     page = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")]

@@ -1,12 +1,8 @@
 """What a robot has of its own: frames of its sensors, and joint states of ros2_control."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
@@ -33,25 +29,23 @@ from tests.helpers.messages import RosMessages, header
 from tests.helpers.offline import solve
 from tests.helpers.walking import FORCE, walk
 from tests.offline.test_sources import DYNAMIC_JOINT_STATE_TYPE, STORE, answers, dynamic
-from tests.ros.conftest import Peer, Start, trigger
+from tests.ros.conftest import trigger
 
 STEP = 5_000_000
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def send_force(peer: Peer, stamp: int, frame: str, force: tuple[float, float, float]) -> None:
+def send_force(peer, stamp, frame, force):
     x, y, z = force
     wrench = RosMessages.Wrench(force=RosMessages.Vector3(x=x, y=y, z=z))
     peer.force.publish(WrenchStamped(header=header(RosMessages, stamp, frame), wrench=wrench))
 
 
-def refused(peer: Peer, reason: str) -> int:
+def refused(peer, reason):
     return int(peer.diagnostics.get("knee_contact: refused samples", {}).get(reason, 0))
 
 
-def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(peer, start_node, tmp_path):
     told: list[Transform] = []
     peer.node.create_subscription(
         TFMessage,
@@ -118,7 +112,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     assert again == live
 
 
-def test_forces_in_a_frame_of_the_world_are_told_once(peer: Peer, start_node: Start) -> None:
+def test_forces_in_a_frame_of_the_world_are_told_once(peer, start_node):
     node = start_node()
     peer.wait_for_node()
     for i in range(20):
@@ -131,7 +125,7 @@ def test_forces_in_a_frame_of_the_world_are_told_once(peer: Peer, start_node: St
     )
 
 
-def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_angles_may_come_from_ros2_control(peer, start_node, tmp_path):
     messages = pytest.importorskip("control_msgs.msg", reason="needs the ROS package control_msgs")
     try:
         messages.DynamicJointState.__class__.__import_type_support__()
@@ -163,7 +157,7 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
     assert len(answers(tmp_path / "live.mcap")) == 20
 
 
-def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> None:
+def test_a_replay_says_where_the_bags_frames_are(peer, tmp_path):
     mounted = Transform("tibia", "sensor", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5))
     bag, topics = tmp_path / "bag.mcap", INPUT_TYPES | {TF_STATIC: TF_MESSAGE}
     with BagWriter(bag) as writer:
@@ -193,9 +187,7 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
     replay.wait()
 
 
-def test_a_number_turns_forces_without_transforms(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_a_number_turns_forces_without_transforms(peer, start_node, tmp_path):
     recording = tmp_path / "live.mcap"
     node = start_node("load.rotation:=-90 0 0 deg", f"record.path:={recording}")
     peer.wait_for_node()
@@ -218,7 +210,7 @@ def test_a_number_turns_forces_without_transforms(
     assert first == again == new
 
 
-def test_a_free_leg_tares_its_sensor(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_a_free_leg_tares_its_sensor(peer, start_node, tmp_path):
     recording = tmp_path / "live.mcap"
     node = start_node(f"record.path:={recording}")
     peer.wait_for_node()
@@ -226,7 +218,7 @@ def test_a_free_leg_tares_its_sensor(peer: Peer, start_node: Start, tmp_path: Pa
     assert not said[0]
     assert "0 forces over 0.00 s came on joint_reaction_force" in said[1]
 
-    def send(first: int, last: int, axial: Callable[[int], float]) -> None:
+    def send(first, last, axial):
         for i in range(first, last):
             peer.send(i * STEP, 0.2, axial(i))
             peer.spin(0.002)

@@ -4,8 +4,6 @@ RViz, tf2_ros and robot_state_publisher are not among them, either: stand-ins sa
 looks at the markers and closes.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -13,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
@@ -27,7 +25,7 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
 from tests.helpers.bags import raw_messages
 from tests.helpers.patience import patience, wait_until
-from tests.ros.conftest import STEP, Peer, Start
+from tests.ros.conftest import STEP, Peer
 
 pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
 FOLDER = share_folder() / "launch"
@@ -121,7 +119,7 @@ FILES = {
 class Launched:
     """A launch file that runs."""
 
-    def __init__(self, file: str, arguments: str, folder: Path) -> None:
+    def __init__(self, file, arguments, folder):
         folder.mkdir(exist_ok=True)
         for name, content in FILES.items():
             (folder / name).write_text(content)
@@ -142,15 +140,15 @@ class Launched:
             env=os.environ | {"PATH": path, "ROS_LOG_DIR": str(folder / "log")},
         )
 
-    def said(self) -> str:
+    def said(self):
         """All that launch and its processes have said."""
         return Path(self._log.name).read_text()
 
-    def hear(self, words: str, times: int = 1) -> None:
+    def hear(self, words, times=1):
         """Wait until it has said something so many times."""
         wait_until(lambda: self.said().count(words) >= times)
 
-    def node(self) -> psutil.Process:
+    def node(self):
         """The only node's process."""
         (node,) = [
             child
@@ -159,12 +157,12 @@ class Launched:
         ]
         return node
 
-    def stop(self) -> int:
+    def stop(self):
         """Ctrl-C."""
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(patience())
 
-    def kill(self) -> None:
+    def kill(self):
         """Leave nothing of it."""
         if self.process.poll() is None:
             for process in [
@@ -180,14 +178,14 @@ Launch = Callable[[str, str], Launched]
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Launch]:
+def start(tmp_path):
     """Start launch files; all are gone after the test."""
     index = pytest.importorskip("ament_index_python")
     if not (Path(index.get_package_prefix(PACKAGE)) / "lib" / PACKAGE / "knee_contact").exists():
         pytest.skip("the package was installed without what `ros2 run` starts")
     launched: list[Launched] = []
 
-    def start_it(file: str, arguments: str) -> Launched:
+    def start_it(file, arguments):
         launched.append(Launched(file, arguments, tmp_path))
         return launched[-1]
 
@@ -197,11 +195,11 @@ def start(tmp_path: Path) -> Iterator[Launch]:
 
 
 @pytest.fixture
-def peers() -> Iterator[Callable[[Knee], Peer]]:
+def peers():
     """Peers of knees."""
     made: list[Peer] = []
 
-    def make(knee: Knee) -> Peer:
+    def make(knee):
         made.append(Peer(knee.namespace, knee.joint_states))
         return made[-1]
 
@@ -214,14 +212,14 @@ def peers() -> Iterator[Callable[[Knee], Peer]]:
 class Stream:
     """Samples at 200 Hz that go on whoever listens."""
 
-    def __init__(self, knees: dict[Knee, Peer], fed: bool = True) -> None:
+    def __init__(self, knees, fed=True):
         self.knees, self._fed, self._sent = knees, fed, 0
 
-    def until(self, done: Callable[[], bool]) -> None:
+    def until(self, done):
         """Send on and hear answers until something has happened."""
         wait_until(done, self._go_on)
 
-    def _go_on(self) -> None:
+    def _go_on(self):
         if self._fed:
             self._send()
         due = time.monotonic() + STEP * 1e-9
@@ -229,14 +227,14 @@ class Stream:
             for peer in self.knees.values():
                 peer.executor.spin_once(timeout_sec=left / len(self.knees))
 
-    def _send(self) -> None:
+    def _send(self):
         for knee, peer in self.knees.items():
             peer.send_angle(self._sent * STEP, 0.3, knee.joint)
             peer.send_force(self._sent * STEP, 900.0 + self._sent % 100)
         self._sent += 1
 
 
-def answers(path: Path, namespace: str = "") -> list[int]:
+def answers(path, namespace=""):
     """The stamps [ns] of the answers in a recording."""
     name = absolute(KNEE_CONTACT, namespace)
     return [
@@ -245,9 +243,7 @@ def answers(path: Path, namespace: str = "") -> list[int]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_runs_until_ctrl_c(
-    name: str, start: Launch, peers: Callable[[Knee], Peer], tmp_path: Path
-) -> None:
+def test_it_runs_until_ctrl_c(name, start, peers, tmp_path):
     file, arguments, knees, fed = CASES[name]
     stream = Stream({knee: peers(knee) for knee in knees}, fed)
     launched = start(file, arguments)
@@ -261,7 +257,7 @@ def test_it_runs_until_ctrl_c(
         assert len(answers(tmp_path / knee.recording, knee.namespace)) >= 50
 
 
-def test_replay_goes_through_the_node_and_ends(start: Launch, tmp_path: Path) -> None:
+def test_replay_goes_through_the_node_and_ends(start, tmp_path):
     rerun = "rerun:={}/out.rrd" if find_spec("rerun") else ""
     launched = start("replay.launch.py", f"rate:=5 clock:=true record:={{}}/out.mcap {rerun}")
     assert launched.process.wait(patience()) == 0, launched.said()
@@ -270,7 +266,7 @@ def test_replay_goes_through_the_node_and_ends(start: Launch, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_wrong_is_told_once_and_ends(name: str, start: Launch) -> None:
+def test_what_is_wrong_is_told_once_and_ends(name, start):
     file, arguments, words = BAD[name]
     launched = start(file, arguments)
     launched.process.wait(patience())
@@ -282,7 +278,7 @@ def test_what_is_wrong_is_told_once_and_ends(name: str, start: Launch) -> None:
     )
 
 
-def test_a_node_that_is_told_to_end_stays_away(start: Launch) -> None:
+def test_a_node_that_is_told_to_end_stays_away(start):
     launched = start("knee_contact.launch.py", "")
     launched.hear("active, listening")
     launched.node().terminate()
@@ -290,7 +286,7 @@ def test_a_node_that_is_told_to_end_stays_away(start: Launch) -> None:
     assert launched.said().count("process started") == 1
 
 
-def test_a_node_that_was_good_before_tries_again(start: Launch, tmp_path: Path) -> None:
+def test_a_node_that_was_good_before_tries_again(start, tmp_path):
     launched = start("knee_contact.launch.py", "params:={}/soft.yaml respawn_delay:=0.1")
     launched.hear("active, listening")
     content = (tmp_path / "soft.yaml").read_text()
@@ -334,7 +330,7 @@ PROGRAMS = {
 
 
 @pytest.fixture
-def said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def said(tmp_path, monkeypatch):
     """Where the stand-ins say how they were called."""
     pytest.importorskip("launch_ros", reason="needs the ROS package launch_ros")
     index = pytest.importorskip("ament_index_python")
@@ -360,7 +356,7 @@ def said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
+def test_rviz_sees_the_knee_and_closing_it_ends_everything(said):
     command = [
         sys.executable,
         "-c",
@@ -391,7 +387,7 @@ def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
     assert called[:4] == ["--frame-id", "tibia_isb", "--child-frame-id", "tibia_r"]
 
 
-def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Start, peer: Peer) -> None:
+def test_it_is_opened_beside_a_node_that_runs(said, start_node, peer):
     start_node()
     peer.wait_for_node()
     command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py"]
@@ -401,7 +397,7 @@ def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Start, pee
     )
     numbers = count()
 
-    def closed() -> bool:
+    def closed():
         peer.send(next(numbers) * STEP, 0.2, 900.0)
         peer.spin(1e-9 * STEP)
         return launched.poll() is not None

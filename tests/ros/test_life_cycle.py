@@ -1,9 +1,6 @@
 """The managed node: its states, what each transition answers, completes and forgets, and what ends the process."""
 
-from __future__ import annotations
-
 import signal
-from pathlib import Path
 
 import psutil
 from lifecycle_msgs.msg import State
@@ -14,8 +11,6 @@ from tests.ros.conftest import (
     ANGLES,
     AXIAL,
     STAMPS,
-    Peer,
-    Start,
     answers_in,
     change_state,
     set_parameters,
@@ -26,10 +21,10 @@ from tests.ros.conftest import (
 MILLISECOND = 1_000_000
 
 
-def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_the_life_cycle_is_ros_2s(peer, start_node, tmp_path):
     node = start_node("autostart:=false", f"record.path:={tmp_path / 'first.mcap'}")
 
-    def set_parameter(name: str, value: object) -> tuple[bool, str]:
+    def set_parameter(name, value):
         return set_parameters(peer, {name: value})
 
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
@@ -82,9 +77,7 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     node.stop()
 
 
-def test_time_may_have_gone_anywhere_while_the_node_was_inactive(
-    peer: Peer, start_node: Start
-) -> None:
+def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer, start_node):
     """Forces before the last tick are answered from rest, and said so; by no angle of before, if forces come first."""
     start_node("pairing.wait:=5.0")
     peer.wait_for_node()
@@ -112,9 +105,7 @@ def test_time_may_have_gone_anywhere_while_the_node_was_inactive(
         assert {contact.flexion_angle for contact in peer.contacts} == {0.1 * number}
 
 
-def test_a_transition_that_fails_leaves_the_node_unconfigured(
-    peer: Peer, start_node: Start
-) -> None:
+def test_a_transition_that_fails_leaves_the_node_unconfigured(peer, start_node):
     override = "qos_overrides./joint_states.subscription.depth"
     node = start_node("autostart:=false", f"{override}:=seven")
     assert change_state(peer, "configure")
@@ -128,15 +119,13 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(
     )
 
 
-def test_forces_that_wait_are_answered_before_the_streams_are_left(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_forces_that_wait_are_answered_before_the_streams_are_left(peer, start_node, tmp_path):
     """At a reset, when the node is deactivated and when it ends; one recording goes through all of it."""
     recording = tmp_path / "all.mcap"
     node = start_node("pairing.wait:=10.0", f"record.path:={recording}")
     peer.wait_for_node()
 
-    def leave_one_waiting(stamp: int) -> None:
+    def leave_one_waiting(stamp):
         answered = len(peer.contacts)
         peer.send(stamp, 0.2, 900.0)
         peer.wait_until(lambda: len(peer.contacts) == answered + 1)

@@ -1,11 +1,6 @@
 """The load node over real topics: what it publishes, refuses, records, and hands on to the contact node."""
 
-from __future__ import annotations
-
 import signal
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -16,7 +11,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from knee_contact_ros.bags.bag import Bag, RawMessage
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Status
@@ -28,7 +23,6 @@ from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, WHOLE_LEG, walk, walking_bag
 from tests.ros.conftest import (
     Peer,
-    Start,
     answers_in,
     call,
     change_state,
@@ -48,7 +42,7 @@ WALK = walk(80)
 class LegPeer(Peer):
     """Has a leg's sensors, and listens to what comes of them."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.node.destroy_publisher(self.force)  # the node publishes that
         qos = QoSProfile(depth=1000)
@@ -58,10 +52,10 @@ class LegPeer(Peer):
             self.node.create_subscription(kind, topic, self.heard[topic].append, qos, raw=True)
 
     @property
-    def estimates(self) -> list[LoadEstimate]:
+    def estimates(self):
         return [deserialize_message(data, LoadEstimate) for data in self.heard[ESTIMATE]]
 
-    def wait_for_load_node(self) -> None:
+    def wait_for_load_node(self):
         """Wait until it listens and speaks."""
         self.wait_until(
             lambda: self.angle.get_subscription_count() and self.ground.get_subscription_count()
@@ -73,7 +67,7 @@ class LegPeer(Peer):
             )
         )
 
-    def send_sensed(self, messages: list[RawMessage]) -> None:
+    def send_sensed(self, messages):
         """Publish a leg's messages, and wait until their forces are answered."""
         forces = sum(message.topic == FORCE for message in messages) + len(self.heard[ESTIMATE])
         for message in messages:
@@ -82,7 +76,7 @@ class LegPeer(Peer):
 
 
 @pytest.fixture
-def peer() -> Iterator[Peer]:
+def peer():
     """This process's side of the graph, which does not publish what the node publishes."""
     peer = Peer()
     peer.node.destroy_publisher(peer.force)
@@ -92,7 +86,7 @@ def peer() -> Iterator[Peer]:
 
 
 @pytest.fixture
-def leg() -> Iterator[LegPeer]:
+def leg():
     """This process's side of the graph."""
     peer = LegPeer()
     yield peer
@@ -100,7 +94,7 @@ def leg() -> Iterator[LegPeer]:
     peer.node.destroy_node()
 
 
-def arguments(values: dict[str, Any]) -> list[str]:
+def arguments(values):
     """The same parameters on a command line."""
     return [
         f"{name}:={str(value).lower() if isinstance(value, bool) else value}"
@@ -108,7 +102,7 @@ def arguments(values: dict[str, Any]) -> list[str]:
     ]
 
 
-def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:
+def offline(folder, messages, values):
     """What `estimate-load` makes of them."""
     bag, output = (
         walking_bag(folder / "offline" / "walk.mcap", messages),
@@ -118,16 +112,14 @@ def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) ->
     return output
 
 
-def told(path: Path, topic: str) -> list[bytes]:
+def told(path, topic):
     """The messages of a recording, filled up with zeros as DDS delivers them."""
     messages = [message.data for message in raw(path, [topic.removeprefix("/")])]
     return [data + bytes(-len(data) % 4) for data in messages]
 
 
 @pytest.mark.parametrize("values", [{}, WHOLE_LEG | {"frame.ground": "plate_isb"}])
-def test_live_messages_are_those_of_estimate_load(
-    leg: LegPeer, start_node: Start, tmp_path: Path, values: dict[str, Any]
-) -> None:
+def test_live_messages_are_those_of_estimate_load(leg, start_node, tmp_path, values):
     """Byte for byte, also in a recording that SIGINT completes, which is computed again from itself likewise."""
     recording = tmp_path / "live" / "live.mcap"
     node = start_node(*arguments(values | PATIENT | {"record.path": recording}), kind="load")
@@ -152,9 +144,7 @@ def test_live_messages_are_those_of_estimate_load(
     assert raw(again, LOAD_RECORDED) == raw(recording, LOAD_RECORDED)
 
 
-def test_the_life_cycle_and_what_changes_meanwhile(
-    leg: LegPeer, start_node: Start, tmp_path: Path
-) -> None:
+def test_the_life_cycle_and_what_changes_meanwhile(leg, start_node, tmp_path):
     """Unconfigured at first; numbers of the person change between two estimates, and a recording tells of it."""
     recording, at_once = (
         tmp_path / "live.mcap",
@@ -201,8 +191,8 @@ def test_the_life_cycle_and_what_changes_meanwhile(
 
 
 def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
-    leg: LegPeer, start_node: Start, tmp_path: Path
-) -> None:
+    leg, start_node, tmp_path
+):
     """The contact node rests and is made anew while the load node goes on: it answers what is handed over then."""
     given = {f"knee_load:{name}": value for name, value in (WHOLE_LEG | PATIENT).items()}
     node = start_node(
@@ -233,8 +223,8 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
 
 
 def test_both_nodes_take_person_and_encoder_from_one_section_and_say_what_nobody_set(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+    peer, start_node, tmp_path
+):
     file = tmp_path / "robot.yaml"
     file.write_text(
         "knee_load:\n  ros__parameters:\n    person.mass: 92.0\n    knee: {joint_name: motor, sign: -1.0}\n"

@@ -2,14 +2,11 @@
 what ends it.
 """
 
-from __future__ import annotations
-
 import signal
 import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -39,8 +36,6 @@ from tests.ros.conftest import (
     AXIAL,
     STAMPS,
     STEP,
-    Peer,
-    Start,
     answers_in,
     raw,
     set_parameters,
@@ -48,7 +43,7 @@ from tests.ros.conftest import (
 )
 
 
-def assert_bits_of_python(peer: Peer, parameters: str) -> None:
+def assert_bits_of_python(peer, parameters):
     """Send the little series; the answers are those of the Python calls."""
     peer.send_series()
     series = knee_contact_ros.load_model(parameters).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
@@ -62,8 +57,8 @@ def assert_bits_of_python(peer: Peer, parameters: str) -> None:
 
 
 def test_the_node_gives_the_bits_of_the_python_calls_and_opens_no_port_beyond_loopback(
-    peer: Peer, start_node: Start
-) -> None:
+    peer, start_node
+):
     node = start_node("--params-file", "osteoarthritis.yaml")  # one of the package's own
     peer.wait_for_node()
     assert_bits_of_python(peer, "osteoarthritis")
@@ -72,9 +67,7 @@ def test_the_node_gives_the_bits_of_the_python_calls_and_opens_no_port_beyond_lo
     }
 
 
-def test_without_the_events_executor_or_numba_the_node_gives_the_same(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_without_the_events_executor_or_numba_the_node_gives_the_same(peer, start_node, tmp_path):
     """Older rclpy lack the executor, which is said once; nobody needs Numba where the library is installed."""
     recording = tmp_path / "out.mcap"
     node = start_node(f"record.path:={recording}", without="numba,rclpy.experimental", anew=True)
@@ -91,9 +84,7 @@ def test_without_the_events_executor_or_numba_the_node_gives_the_same(
     assert "40 ticks, 0 samples refused" in output
 
 
-def test_a_subject_file_gives_the_node_the_knee_of_python(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_a_subject_file_gives_the_node_the_knee_of_python(peer, start_node, tmp_path):
     path = tmp_path / "subject.yaml"
     path.write_text("mass: 60\nthickness: 0.0004\nparameters: [osteoarthritis]\n")
     start_node("--params-file", path)
@@ -101,7 +92,7 @@ def test_a_subject_file_gives_the_node_the_knee_of_python(
     assert_bits_of_python(peer, str(path))
 
 
-def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
+def test_a_silent_input_is_named(peer, start_node):
     node = start_node("-r", "joint_states:=/exo/joint_states")
     peer.wait_until(
         lambda: peer.force.get_subscription_count() and peer.node.count_publishers("/diagnostics")
@@ -128,9 +119,7 @@ def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
     assert output.count("nothing received on /exo/joint_states") == 1
 
 
-def test_simulated_time_stamps_the_diagnostics_and_nothing_else(
-    peer: Peer, start_node: Start
-) -> None:
+def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer, start_node):
     """At first it stands still, which does not stop the node."""
     start_node("use_sim_time:=true", "pairing.wait:=0.2")
     peer.wait_for_node()
@@ -153,9 +142,7 @@ def test_simulated_time_stamps_the_diagnostics_and_nothing_else(
         assert [answer.header.stamp.nanosec for answer in answers] == [0, STEP, 2 * STEP]
 
 
-def test_a_node_without_standard_streams_computes_and_outlives_its_terminal(
-    peer: Peer, tmp_path: Path
-) -> None:
+def test_a_node_without_standard_streams_computes_and_outlives_its_terminal(peer, tmp_path):
     """Where it was asked to, as `nohup` does: by ignoring SIGHUP, which its children inherit."""
     recording = tmp_path / "bag.mcap"
     node = f"{sys.executable} -m {COMMAND} node --ros-args -p record.path:={recording}"
@@ -178,9 +165,7 @@ BAD_OUTPUTS = "-p record.path:=/proc/no/where.mcap -p rerun.mode:={mode} -p reru
 
 @needs_viewer
 @pytest.mark.parametrize("mode", ["serve", "spawn"])
-def test_no_output_keeps_the_node_from_computing(
-    peer: Peer, start_node: Start, mode: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_output_keeps_the_node_from_computing(peer, start_node, mode, monkeypatch):
     """Told once as an error, and in /diagnostics for as long as it lasts."""
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -210,9 +195,7 @@ def test_no_output_keeps_the_node_from_computing(
 TICKS = 60
 
 
-def test_medial_and_lateral_answers_and_the_wrench_of_both(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_medial_and_lateral_answers_and_the_wrench_of_both(peer, start_node, tmp_path):
     """With a change amid them, of the medial one alone, and a reset; computed again from the recording: same bytes."""
     lateral: list[KneeContact] = []
     peer.node.create_subscription(
@@ -276,7 +259,7 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(
 
 
 @pytest.mark.usefixtures("hang_up")
-def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+def test_hanging_up_completes_the_files(peer, start_node, tmp_path):
     """As SIGINT and SIGTERM do, by which other tests end their nodes."""
     recording = tmp_path / "bag" / "bag_0.mcap"
     node = start_node(f"record.path:={recording}", anew=True)
@@ -303,11 +286,11 @@ def test_hanging_up_completes_the_files(peer: Peer, start_node: Start, tmp_path:
 
 
 def test_a_node_that_builds_the_model_ends_without_a_library(
-    start_node: Start,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    request: pytest.FixtureRequest,
-) -> None:
+    start_node,
+    tmp_path,
+    monkeypatch,
+    request,
+):
     """At the moment when its second child has begun, which builds; the first one records."""
     package = copy_of_the_package(tmp_path / "copy")
     monkeypatch.chdir(package.parent)

@@ -1,10 +1,7 @@
 """Somebody else who publishes what a node publishes: told, and flagged, as long as it lasts."""
 
-from __future__ import annotations
-
 import random
 import signal
-from pathlib import Path
 
 from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import KneeContact, LoadEstimate
@@ -17,7 +14,7 @@ from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import KNEE_CONTACT
-from tests.ros.conftest import STEP, Peer, Start, raw
+from tests.ros.conftest import STEP, raw
 
 TOPICS = {
     "knee_contact": KneeContact,
@@ -29,14 +26,14 @@ NAMES = ("rosbag2_player", "knee_contact", "controller")
 NAMESPACES = ("", "/left", "/a/b")
 
 
-def is_told(peer: Peer, entry: str = "knee_contact: answers") -> bool:
+def is_told(peer, entry="knee_contact: answers"):
     """Whether the entry of the answers names another publisher."""
     return "subscribers get its messages among ours" in peer.problems.get(entry, "")
 
 
 def test_each_other_publisher_is_told_and_all_answers_are_flagged_meanwhile(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+    peer, start_node, tmp_path
+):
     """Drawn publishers, by topic and by the name of their node; the recording computes to the same flags."""
     draw, stamp, expected = random.Random(63), 0, []
     node = start_node(f"record.path:={tmp_path / 'r.mcap'}")
@@ -44,7 +41,7 @@ def test_each_other_publisher_is_told_and_all_answers_are_flagged_meanwhile(
     peer.wait_until(lambda: "knee_contact: answers" in peer.problems)
     assert not is_told(peer)
 
-    def answer(flagged: bool) -> None:
+    def answer(flagged):
         nonlocal stamp
         for _ in range(5):
             stamp += STEP
@@ -77,7 +74,7 @@ def test_each_other_publisher_is_told_and_all_answers_are_flagged_meanwhile(
     assert len(live) == len(expected)
 
 
-def test_a_node_whose_namesake_was_killed_tells_nothing(peer: Peer, start_node: Start) -> None:
+def test_a_node_whose_namesake_was_killed_tells_nothing(peer, start_node):
     """The middleware knows the publishers of a killed process for another 20 s."""
     first = start_node()
     peer.wait_for_node()
@@ -94,7 +91,7 @@ def test_a_node_whose_namesake_was_killed_tells_nothing(peer: Peer, start_node: 
     assert "another node" not in second.stop()
 
 
-def test_another_estimate_of_the_load_is_told(peer: Peer, start_node: Start) -> None:
+def test_another_estimate_of_the_load_is_told(peer, start_node):
     estimates: list[LoadEstimate] = []
     peer.node.create_subscription(LoadEstimate, "load_estimate", estimates.append, 10)
     ground = peer.node.create_publisher(WrenchStamped, "ground_reaction_force", 10)

@@ -2,14 +2,11 @@
 no answer is lost by that.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import signal
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import psutil
@@ -24,12 +21,12 @@ from tests.helpers.needs import needs_viewer
 from tests.helpers.offline import solve
 from tests.helpers.patience import wait_until
 from tests.helpers.processes import has_ended
-from tests.ros.conftest import NodeProcess, Peer, Start, raw, set_parameters, trigger
+from tests.ros.conftest import raw, set_parameters, trigger
 
 STEP = 5_000_000
 
 
-def walk(peer: Peer, begin: int, number: int) -> None:
+def walk(peer, begin, number):
     """Publish samples number `begin` to `begin + number` and wait for their answers."""
     answered = len(peer.contacts)
     for i in range(begin, begin + number):
@@ -37,25 +34,23 @@ def walk(peer: Peer, begin: int, number: int) -> None:
     peer.wait_until(lambda: len(peer.contacts) == answered + number)
 
 
-def children(node: NodeProcess) -> list[psutil.Process]:
+def children(node):
     """The processes of recorder and viewer."""
     return psutil.Process(node.process.pid).children(recursive=True)
 
 
-def stamps(path: Path) -> list[int]:
+def stamps(path):
     """Numbers of the samples whose answers a recording holds."""
     return [message.log_time // STEP for message in raw(path, [KNEE_CONTACT])]
 
 
-def begin_recording(peer: Peer, path: Path) -> tuple[bool, str]:
+def begin_recording(peer, path):
     """Name the next recording and have it begun."""
     assert set_parameters(peer, {"record.path": str(path)}) == (True, "")
     return trigger(peer, "start_recording")
 
 
-def test_a_killed_node_leaves_a_complete_recording(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_a_killed_node_leaves_a_complete_recording(peer, start_node, tmp_path):
     """The recorder outlives it by as long as it takes to complete the file."""
     node = start_node(f"record.path:={tmp_path}/out.mcap")
     peer.wait_for_node()
@@ -69,9 +64,7 @@ def test_a_killed_node_leaves_a_complete_recording(
 
 @needs_viewer
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_outputs_that_die_or_stall_cost_no_answer(
-    peer: Peer, start_node: Start, tmp_path: Path, number: signal.Signals
-) -> None:
+def test_outputs_that_die_or_stall_cost_no_answer(peer, start_node, tmp_path, number):
     recording, scene = tmp_path / "out.mcap", tmp_path / "out.rrd"
     given = f"record.path:={recording}", "rerun.mode:=file", f"rerun.path:={scene}"
     node = start_node(*given)
@@ -108,8 +101,8 @@ def test_outputs_that_die_or_stall_cost_no_answer(
 
 
 def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+    peer, start_node, tmp_path
+):
     """And no more than four are completed at a time."""
     (tmp_path / "file").touch()
     node = start_node()
@@ -168,9 +161,7 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
         assert stamps(tmp_path / "b" / f"out_{number + 1}.mcap") == list(ticks)
 
 
-def test_each_recording_may_have_a_folder_of_its_own(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_each_recording_may_have_a_folder_of_its_own(peer, start_node, tmp_path):
     """So `metadata.yaml` of one life, or of one start of a recording, names all files of that one."""
     node = start_node(f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "pairing.wait:=0.2")
     peer.wait_for_node()
@@ -187,9 +178,7 @@ def test_each_recording_may_have_a_folder_of_its_own(
     assert begun == (True, f"recording to {second / 'knee.mcap'}")
 
 
-def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer, start_node, tmp_path):
     """Without a recorder: what a ring in memory holds, with parameters and resets, is solved again to the same bits."""
     given = [
         f"record.path:={tmp_path / 'knee.mcap'}",
@@ -244,9 +233,7 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(
     assert np.abs(live["penetration_depth"] - again["penetration_depth"])[sure].max() < 1e-6
 
 
-def test_a_recording_whose_folder_is_removed_ends_and_not_the_node(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_a_recording_whose_folder_is_removed_ends_and_not_the_node(peer, start_node, tmp_path):
     folder = tmp_path / "bag"
     node = start_node(f"record.path:={folder}/knee.mcap")
     peer.wait_for_node()

@@ -1,10 +1,6 @@
 """Parameter files mean the same to a node of ROS 2 and to the commands: generated files, read by both."""
 
-from __future__ import annotations
-
 import random
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -107,7 +103,7 @@ VALUES = (
 )
 
 
-def generated(dice: random.Random) -> str:
+def generated(dice):
     """A file of some sections, with names that are nested or not, and values of all kinds."""
     lines = []
     for _ in range(dice.randint(1, 4)):
@@ -129,7 +125,7 @@ def generated(dice: random.Random) -> str:
     return "\n".join(lines) + "\n"
 
 
-def by_ros(files: list[Path], namespace: str) -> dict[str, Any] | None:
+def by_ros(files, namespace):
     """The values that a node gets; None if ROS refuses a file."""
     context, arguments = (
         Context(),
@@ -162,7 +158,7 @@ def by_ros(files: list[Path], namespace: str) -> dict[str, Any] | None:
     }
 
 
-def by_us(files: list[Path], namespace: str) -> dict[str, Any] | None:
+def by_us(files, namespace):
     sections: Sections = {}
     try:
         for file in files:
@@ -173,7 +169,7 @@ def by_us(files: list[Path], namespace: str) -> dict[str, Any] | None:
 
 
 @pytest.mark.parametrize("part", range(2))
-def test_generated_files_mean_the_same_to_a_node(tmp_path: Path, part: int) -> None:
+def test_generated_files_mean_the_same_to_a_node(tmp_path, part):
     dice, taken = random.Random(49 + part), 0
     for number in range(50):
         files = [tmp_path / f"{number}_{count}.yaml" for count in range(dice.choice([1, 1, 2]))]

@@ -1,13 +1,10 @@
 """What ends a node before it begins: one line that says what is wrong, and code 2."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +12,6 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
 from tests.helpers.needs import HAS_VIEWER
 from tests.helpers.patience import patience
-from tests.ros.conftest import Start
 
 BOTH, ROS2_CONTROL = "load --with-contact", "knee.source:=dynamic_joint_states"
 REFUSED = [
@@ -149,7 +145,7 @@ print(json.dumps(found))
 
 
 @pytest.fixture(scope="module")
-def found() -> list[tuple[int, str]]:
+def found():
     """Codes, and what was said."""
     words = json.dumps(
         [[*kind.split(), "--ros-args", *shlex.split(given)] for kind, given, _ in REFUSED]
@@ -162,13 +158,13 @@ def found() -> list[tuple[int, str]]:
 
 
 @pytest.mark.parametrize("number", range(len(REFUSED)), ids=[words for *_, words in REFUSED])
-def test_what_is_wrong_ends_the_node_at_once(found: list[tuple[int, str]], number: int) -> None:
+def test_what_is_wrong_ends_the_node_at_once(found, number):
     code, output = found[number]
     assert (code, len(output.splitlines())) == (2, 1), output
     assert REFUSED[number][-1] in output
 
 
-def test_a_node_without_rerun_tells_what_to_install(start_node: Start, tmp_path: Path) -> None:
+def test_a_node_without_rerun_tells_what_to_install(start_node, tmp_path):
     arguments = [
         f"record.path:={tmp_path / 'new.mcap'}",
         "rerun.mode:=file",
@@ -184,9 +180,7 @@ def test_a_node_without_rerun_tells_what_to_install(start_node: Start, tmp_path:
 
 
 @pytest.mark.parametrize("kind", ["load", "node"])
-def test_arguments_that_ros_would_pass_over_are_refused(
-    kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_arguments_that_ros_would_pass_over_are_refused(kind, capsys):
     assert main([kind, "-p", "person.mass:=70"]) == 2
     assert (
         capsys.readouterr().err

@@ -1,14 +1,10 @@
 """`knee-contact replay` over real topics: what arrives, in which part, with which clock, and how it ends."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
@@ -17,7 +13,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.bags.bag import INPUT_TYPES, RawMessage
+from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
@@ -25,7 +21,7 @@ from knee_contact_ros.system.ros import one_line_ros_errors
 from tests.helpers.bags import raw_messages, write_rosbag2
 from tests.helpers.patience import patience
 from tests.helpers.terminals import Terminal
-from tests.ros.conftest import Peer, own_words
+from tests.ros.conftest import own_words
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
@@ -38,7 +34,7 @@ LAST_LINE = (
 class Ear:
     """Hears what a replay publishes."""
 
-    def __init__(self, peer: Peer, namespace: str = "") -> None:
+    def __init__(self, peer, namespace=""):
         self.peer = peer
         self.heard: dict[str, list[bytes]] = {ANGLE: [], FORCE: []}
         self.clock: list[int] = []
@@ -52,10 +48,10 @@ class Ear:
         )
 
     @property
-    def count(self) -> int:
+    def count(self):
         return sum(map(len, self.heard.values()))
 
-    def listen_to(self, replay: subprocess.Popen[str]) -> tuple[str, str]:
+    def listen_to(self, replay):
         """Until it has ended, and until all has come that it has said to have published."""
         self.peer.wait_until(lambda: replay.poll() is not None)
         output, errors = replay.communicate(timeout=patience())
@@ -68,20 +64,20 @@ class Ear:
 
 
 @pytest.fixture
-def ear(peer: Peer) -> Ear:
+def ear(peer):
     return Ear(peer)
 
 
 @pytest.fixture(scope="module")
-def gait(request: pytest.FixtureRequest) -> list[RawMessage]:
+def gait(request):
     return raw_messages(request.getfixturevalue("right_bag"))
 
 
 @pytest.fixture
-def start() -> Iterator:
+def start():
     started = []
 
-    def start(*arguments: str | Path) -> subprocess.Popen[str]:
+    def start(*arguments):
         command = [*COMMAND, *map(str, arguments)]
         started.append(
             subprocess.Popen(
@@ -100,16 +96,14 @@ def start() -> Iterator:
         process.communicate()
 
 
-def by_topic(messages: list[RawMessage]) -> dict[str, list[bytes]]:
+def by_topic(messages):
     return {
         topic: [message.data for message in messages if message.topic == topic]
         for topic in INPUT_TYPES
     }
 
 
-def test_every_message_comes_as_it_was_recorded(
-    ear: Ear, start, right_bag: Path, gait: list[RawMessage]
-) -> None:
+def test_every_message_comes_as_it_was_recorded(ear, start, right_bag, gait):
     """A plain --clock, here before BAG, tells the time of every message."""
     replay = start("--clock", right_bag, "--rate", "4", "--wait", "60")
     _, errors = ear.listen_to(replay)
@@ -119,9 +113,7 @@ def test_every_message_comes_as_it_was_recorded(
     assert ear.clock == [message.log_time for message in gait]
 
 
-def test_who_is_found_later_misses_nothing(
-    ear: Ear, start, right_bag: Path, gait: list[RawMessage]
-) -> None:
+def test_who_is_found_later_misses_nothing(ear, start, right_bag, gait):
     """Two nodes on the same topics are found one after the other."""
     replay = start(right_bag, "--wait", "60")
     ear.peer.wait_until(
@@ -135,9 +127,7 @@ def test_who_is_found_later_misses_nothing(
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["in the bag too", "in no bag"])
-def test_a_part_into_a_namespace_with_a_clock_of_its_own_rate(
-    peer: Peer, start, gait: list[RawMessage], tmp_path: Path, there: bool
-) -> None:
+def test_a_part_into_a_namespace_with_a_clock_of_its_own_rate(peer, start, gait, tmp_path, there):
     ear = Ear(peer, "/left")
     bag = write_rosbag2(
         tmp_path / "bag", gait, name=lambda topic: f"/left{topic}" if there else topic
@@ -156,8 +146,8 @@ def test_a_part_into_a_namespace_with_a_clock_of_its_own_rate(
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_loop_starts_over_and_ends_at_once_with_all_that_was_sent(
-    ear: Ear, start, right_bag: Path, gait: list[RawMessage], number: signal.Signals, code: int
-) -> None:
+    ear, start, right_bag, gait, number, code
+):
     replay = start(right_bag, "--loop", "--start-offset", "1.6", "--rate", "2")
     part = by_topic([m for m in gait if m.log_time >= gait[0].log_time + 16 * NANOSECONDS // 10])
     ear.peer.wait_until(lambda: len(ear.heard[FORCE]) > 2.5 * len(part[FORCE]))
@@ -169,7 +159,7 @@ def test_a_loop_starts_over_and_ends_at_once_with_all_that_was_sent(
         assert heard == (part[topic] * (len(heard) // once + 1))[: len(heard)]
 
 
-def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMessage]) -> None:
+def test_keys_step_pause_and_go_on(ear, right_bag, gait):
     part = [message for message in gait if message.log_time >= gait[0].log_time + NANOSECONDS]
     with Terminal(
         *COMMAND, str(right_bag), "--start-offset", "1", "--start-paused", "--wait", "60"
@@ -199,7 +189,7 @@ def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMess
 
 
 @pytest.mark.parametrize("namespace", ["a b", "9x", "n" * 300])
-def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> None:
+def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace):
     with (
         pytest.raises(
             UsageError, match=rf"cannot join the ROS graph: Invalid namespace: .*/{namespace}'$"
@@ -221,9 +211,7 @@ def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> Non
         ),
     ],
 )
-def test_what_cannot_be_played_is_told_in_one_line(
-    arguments: list[str], words: str, right_bag: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_played_is_told_in_one_line(arguments, words, right_bag, capfd):
     assert main(["replay", str(right_bag), *arguments]) == 2
     printed, errors = capfd.readouterr()
     assert words in errors

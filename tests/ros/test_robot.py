@@ -1,14 +1,11 @@
 """The tutorial "Your robot in 20 minutes": every line as it is printed, in one shell, with a robot that walks."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
 import subprocess
 import sys
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -33,7 +30,7 @@ await() {
 """Begin of the script: what waits for lines, and then for two strides"""
 
 
-def sources(folder: Path) -> None:
+def sources(folder):
     """The folder of the sources, as links; its environment is the one that runs the tests."""
     for path in ROOT.iterdir():
         if path.name not in (".git", ".venv"):
@@ -46,7 +43,7 @@ def sources(folder: Path) -> None:
     (programs / "activate").write_text(f"export PATH={programs}:$PATH PYTHONPATH={ROOT}\n")
 
 
-def awaiting(block: str, shown: str) -> str:
+def awaiting(block, shown):
     """A block that waits for the lines which are shown, instead of for so many seconds."""
     lines = " ".join(map(shlex.quote, shown.splitlines()))
     block = re.sub(r"^sleep \d+$", f"await {lines}", block, flags=re.MULTILINE)
@@ -58,11 +55,11 @@ def awaiting(block: str, shown: str) -> str:
     )
 
 
-def test_the_page_is_short() -> None:
+def test_the_page_is_short():
     assert len(PAGE.split()) <= 1200
 
 
-def test_every_line_does_what_the_page_says(tmp_path: Path) -> None:
+def test_every_line_does_what_the_page_says(tmp_path):
     sources(tmp_path)
     blocks = [*BLOCK.findall(PAGE), ("", "")]
     script = HEAD + "".join(

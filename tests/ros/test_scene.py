@@ -1,7 +1,5 @@
 """The scene live: served to viewers on this machine; none of them, slow, stopped or killed, costs an answer."""
 
-from __future__ import annotations
-
 import signal
 import time
 from ipaddress import ip_address
@@ -13,18 +11,17 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.plots import DETAIL_PLOTS, SOLVER_PLOTS
 from tests.helpers.viewer import rendered, shown_to, wait_for, window_of
-from tests.ros.conftest import Peer, Start
 from tests.ros.test_outputs import children, walk
 
 LOOPBACK = "127.0.0.1"
 VIEWER = "knee_contact: viewer"
 
 
-def address(port: int) -> str:
+def address(port):
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
-def listeners(process: psutil.Process) -> set[str]:
+def listeners(process):
     """Addresses on which a process and its children accept connections; 127.0.0.1 for all of the loopback interface."""
     return {
         LOOPBACK if ip_address(connection.laddr.ip).is_loopback else connection.laddr.ip
@@ -34,7 +31,7 @@ def listeners(process: psutil.Process) -> set[str]:
     }
 
 
-def stand_still(place: str) -> None:
+def stand_still(place):
     """Stop the viewers of an address."""
     viewers = [
         process
@@ -46,7 +43,7 @@ def stand_still(place: str) -> None:
         viewer.send_signal(signal.SIGSTOP)
 
 
-def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: Start) -> None:
+def test_viewers_see_what_is_served_and_cost_no_answer(peer, start_node):
     """One that stands still takes nothing from its socket any more; what is kept for it is bounded."""
     port = free_port()
     node = start_node("rerun.mode:=serve", f"rerun.port:={port}")
@@ -74,9 +71,7 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     assert [contact.status for contact in peer.contacts] == [0] * 1600
 
 
-def test_a_window_is_opened_and_may_be_ended(
-    peer: Peer, start_node: Start, hidden_screen: None
-) -> None:
+def test_a_window_is_opened_and_may_be_ended(peer, start_node, hidden_screen):
     port = free_port()
     node = start_node("rerun.mode:=spawn", f"rerun.port:={port}")
     peer.wait_for_node()
@@ -95,7 +90,7 @@ def test_a_window_is_opened_and_may_be_ended(
     assert [contact.status for contact in peer.contacts] == [0] * 200
 
 
-def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
+def test_two_nodes_share_a_viewer(peer, start_node):
     ports = {"left": free_port(), "right": free_port()}
     for side, port in ports.items():
         remaps = (

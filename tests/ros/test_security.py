@@ -1,13 +1,10 @@
 """The node's policy against the node itself; refusing to run unsecured where security is asked for; open ports."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 import sys
 from contextlib import suppress
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import psutil
@@ -17,7 +14,6 @@ from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.patience import patience
-from tests.ros.conftest import Peer, Start
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
@@ -39,7 +35,7 @@ KEYSTORE_FILES = (
 )
 
 
-def allowed_names(node: str) -> dict[str, set[str]]:
+def allowed_names(node):
     """Full names that the policy allows a node, by rule."""
     names: dict[str, set[str]] = {rule: set() for rule in RULES}
     policy = ET.parse(POLICY).getroot()  # noqa: S314 (our own file)
@@ -59,7 +55,7 @@ def allowed_names(node: str) -> dict[str, set[str]]:
     return names
 
 
-def offered_names(peer: Peer, node: str) -> dict[str, set[str]]:
+def offered_names(peer, node):
     """What a running node has in the graph."""
     names: dict[str, set[str]] = {}
     for rule, kind in RULES.items():
@@ -75,9 +71,7 @@ def offered_names(peer: Peer, node: str) -> dict[str, set[str]]:
         (LoadParameters.node, "load", "/ground_reaction_force", ()),
     ],
 )
-def test_the_policy_is_what_the_node_has(
-    peer: Peer, start_node: Start, node: str, kind: str, force: str, more: tuple[str, ...]
-) -> None:
+def test_the_policy_is_what_the_node_has(peer, start_node, node, kind, force, more):
     start_node("use_sim_time:=true", *more, kind=kind)
     peer.wait_until(lambda: node in peer.node.get_node_names())
     peer.wait_until(lambda: {"/joint_states", force} <= offered_names(peer, node)["subscribe"])
@@ -86,7 +80,7 @@ def test_the_policy_is_what_the_node_has(
 
 
 @pytest.fixture
-def keystore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def keystore(tmp_path, monkeypatch):
     """A keystore that is there, with nothing true in it; security is enforced."""
     enclave = tmp_path / "keystore" / "enclaves"
     enclave.mkdir(parents=True)
@@ -98,7 +92,7 @@ def keystore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return enclave
 
 
-def processes_of(keystore: Path) -> list[psutil.Process]:
+def processes_of(keystore):
     """What runs with this keystore in its environment, except ourselves."""
     found = []
     for process in psutil.process_iter():
@@ -126,9 +120,7 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("name", REFUSALS)
-def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(
-    name: str, keystore: Path, tmp_path: Path
-) -> None:
+def test_where_security_is_enforced_and_cannot_be_had_nothing_runs(name, keystore, tmp_path):
     """One line beside ROS's log; no process, so no socket, is left."""
     command, words = REFUSALS[name]
     if "without" in name:

@@ -1,10 +1,7 @@
 """Robots whose messages are others than the usual ones, each by a parameter file of the package: live as offline."""
 
-from __future__ import annotations
-
 import time
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,7 +23,6 @@ from tests.offline.test_sources import (
     joint_state,
     wrench,
 )
-from tests.ros.conftest import Peer, Start
 
 VERTICAL = ("/ground_reaction_force", (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, load, 0.0)))
 ROBOTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -79,7 +75,7 @@ ROBOTS: dict[str, tuple[str, dict[str, Any]]] = {
 """Command, and topics with their types and what makes their messages, by the name of the parameter file"""
 
 
-def publishers(peer: Peer, topics: dict[str, Any]) -> dict[str, Any]:
+def publishers(peer, topics):
     """As such robots have them: encoders are best effort, forces reliable."""
     found = {}
     for topic, (kind, _) in topics.items():
@@ -91,7 +87,7 @@ def publishers(peer: Peer, topics: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def send(peer: Peer, to: dict[str, Any], topics: dict[str, Any]) -> None:
+def send(peer, to, topics):
     """Publish the series as the robot does, at 200 Hz."""
     for stamp, angle, load in zip(STAMPS, ANGLES, KILONEWTONS, strict=True):
         for topic, (kind, make) in topics.items():
@@ -100,9 +96,7 @@ def send(peer: Peer, to: dict[str, Any], topics: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_robot_runs_with_a_parameter_file_and_no_glue(
-    robot: str, peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_a_robot_runs_with_a_parameter_file_and_no_glue(robot, peer, start_node, tmp_path):
     kind, topics = ROBOTS[robot]
     live, offline = tmp_path / "live.mcap", tmp_path / "offline.mcap"
     to = publishers(peer, topics)
@@ -128,7 +122,7 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
     assert len(answers(live)) == len(STAMPS)
 
 
-def test_messages_without_a_stamp_get_that_of_their_arrival(peer: Peer, start_node: Start) -> None:
+def test_messages_without_a_stamp_get_that_of_their_arrival(peer, start_node):
     topics = CASES["a number without a stamp"][2]
     now = time.time_ns()
     topics = {
@@ -140,7 +134,7 @@ def test_messages_without_a_stamp_get_that_of_their_arrival(peer: Peer, start_no
     peer.wait_until(lambda: all(each.get_subscription_count() for each in to.values()))
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
 
-    def answered() -> bool:
+    def answered():
         send(peer, to, topics)
         return len(peer.contacts) >= len(STAMPS) - 5
 

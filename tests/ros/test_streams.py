@@ -1,11 +1,7 @@
 """How the node listens and what changes while it does; what it publishes and says of strides, markers and mistakes."""
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,13 +28,13 @@ from tests.helpers.markers import place_of
 from tests.helpers.messages import RosMessages, header
 from tests.hostile.test_mistakes import WAYS, by_bag
 from tests.model.test_inputs import Columns, gait
-from tests.ros.conftest import Peer, Start, call, change_state, set_parameters
+from tests.ros.conftest import call, change_state, set_parameters
 from tests.streams.test_gait_events import BODY_WEIGHT, walking
 
 MS = 1_000_000
 
 
-def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None:
+def test_numbers_change_between_two_ticks(peer, start_node):
     """The motion goes on; from the next interval on with the new constants, bit for bit as in the Python calls."""
     start_node()
     peer.wait_for_node()
@@ -72,7 +68,7 @@ def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None
     assert set_parameters(peer, {"fidelity.budget": 7})[0] is False
 
 
-def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
+def test_the_user_decides_on_the_qos(peer, start_node):
     """Standard overrides, for inputs and outputs; whoever cannot be heard by a reliability that is given is named."""
     node = start_node(
         "qos_overrides./joint_states.subscription.reliability:=reliable",
@@ -116,7 +112,7 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     )
 
 
-def test_what_makes_no_sense_and_what_is_late_is_told(peer: Peer, start_node: Start) -> None:
+def test_what_makes_no_sense_and_what_is_late_is_told(peer, start_node):
     """A stiffness in N/mm^1.5: in the log, in /diagnostics and in the ticks' status; an angle that does not come."""
     node = start_node("contact.stiffness:=2500", "deadline:=0.05", "pairing.wait:=0.3")
     peer.wait_for_node()
@@ -147,7 +143,7 @@ def test_what_makes_no_sense_and_what_is_late_is_told(peer: Peer, start_node: St
         assert ["WARN" in line for line in said.splitlines() if words in line] == [True], words
 
 
-def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> None:
+def test_a_split_that_cannot_be_used_is_told(peer, start_node):
     """By the frontal moment: 43.75 N m between compartments 70 mm apart move 625 N from one to the other."""
     node = start_node("load.compartment:=moment_balance", "diagnostics.load_deviation:=0.1")
     peer.wait_for_node()
@@ -185,9 +181,7 @@ def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> N
     assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()
 
 
-def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(
-    peer: Peer, start_node: Start
-) -> None:
+def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(peer, start_node):
     node = start_node("contact.law:=two_layer_viscoelastic")
     peer.wait_for_node()
     names = list(
@@ -213,7 +207,7 @@ def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(
     other = peer.node.create_publisher(JointState, "joint_states", 100)
     peer.wait_until(other.get_subscription_count)
 
-    def alternate(start: int) -> int:
+    def alternate(start):
         for stamp in range(start, start + 100 * 5 * MS, 5 * MS):
             peer.send(stamp, 0.8, 900.0)
             message = JointState(
@@ -225,8 +219,8 @@ def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(
 
     now = [10**18]
 
-    def told(entry: str, words: str) -> Callable[[], bool]:
-        def look() -> bool:
+    def told(entry, words):
+        def look():
             now[0] = alternate(now[0])
             return words in peer.problems.get(f"knee_contact: {entry}", "")
 
@@ -240,9 +234,7 @@ def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(
     )
 
 
-def test_each_stride_is_told_once_with_the_numbers_of_python(
-    peer: Peer, start_node: Start, tmp_path: Path
-) -> None:
+def test_each_stride_is_told_once_with_the_numbers_of_python(peer, start_node, tmp_path):
     strides: list[JointState] = []
     peer.node.create_subscription(JointState, "knee_contact/stride", strides.append, 10)
     weight = [
@@ -283,7 +275,7 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(
 @pytest.mark.parametrize(
     ("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)]
 )
-def test_the_phase_is_not_told_where_stamps_have_jumped(now: float, phase: float) -> None:
+def test_the_phase_is_not_told_where_stamps_have_jumped(now, phase):
     stride = Stride(
         Span(10**9, 16 * 10**8, 2 * 10**9),
         1.0,
@@ -303,11 +295,11 @@ APART = 50_000_000
 NAMES = ["tibia", "femur", "contact_point", "contact_force_on_femur"]
 
 
-def stamp_of(message: Any) -> int:
+def stamp_of(message):
     return int(1_000_000_000 * message.header.stamp.sec + message.header.stamp.nanosec)
 
 
-def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
+def test_what_is_shown_is_the_answer(peer, start_node):
     """In its frame, at its place; how markers look is tested with the view."""
     start_node()
     peer.wait_for_node()
@@ -351,7 +343,7 @@ PACE = re.compile("deadline|behind|wait for the other topic|silent for|no answer
 """What a busy machine may add, or a walk that is over"""
 
 
-def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> None:
+def walk(peer, time, angle, load):
     """Send a walk to a node that begins anew, when each side has heard that the other one is there again."""
     assert change_state(peer, "deactivate")
     peer.wait_until(
@@ -373,7 +365,7 @@ def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> N
         peer.executor.spin_once(timeout_sec=0.0)
 
 
-def test_each_mistake_is_told_live(peer: Peer, start_node: Start) -> None:
+def test_each_mistake_is_told_live(peer, start_node):
     start_node("pairing.wait:=5.0")
     peer.wait_for_node()
     right: Columns = gait()

@@ -1,7 +1,5 @@
 """`knee-contact watch`: what it finds of a real node, for people and for scripts."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -14,12 +12,11 @@ from knee_contact_ros.msg import KneeContact
 from rclpy.node import Node
 
 from tests.helpers.terminals import Terminal
-from tests.ros.conftest import Peer, Start
 
 COMMAND = (str(Path(sys.executable).parent / "knee-contact"), "watch")
 
 
-def once(peer: Peer, *arguments: str, send: bool = True) -> tuple[int, str, str]:
+def once(peer, *arguments, send=True):
     """Code and words of a `watch --once`, while both inputs come at 100 Hz."""
     process = subprocess.Popen(
         [*COMMAND, "--once", *arguments], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -34,12 +31,12 @@ def once(peer: Peer, *arguments: str, send: bool = True) -> tuple[int, str, str]
     return process.returncode, *process.communicate()
 
 
-def report_of(peer: Peer, *arguments: str, send: bool = True) -> dict[str, Any]:
+def report_of(peer, *arguments, send=True):
     found: dict[str, Any] = json.loads(once(peer, "--json", *arguments, send=send)[1])
     return found
 
 
-def test_scripts_read_rates_and_numbers(peer: Peer, start_node: Start) -> None:
+def test_scripts_read_rates_and_numbers(peer, start_node):
     node = start_node()
     peer.wait_for_node()
     code, text, errors = once(peer, "--json")
@@ -66,7 +63,7 @@ def test_scripts_read_rates_and_numbers(peer: Peer, start_node: Start) -> None:
     assert log.count("answers a second") == 1
 
 
-def test_what_cannot_be_used_is_said_and_is_the_exit_code(peer: Peer, start_node: Start) -> None:
+def test_what_cannot_be_used_is_said_and_is_the_exit_code(peer, start_node):
     code, _, errors = once(peer, "--wait", "1", send=False)
     assert code == 2
     assert "no node with knee_contact or load_estimate in ROS domain" in errors
@@ -80,7 +77,7 @@ def test_what_cannot_be_used_is_said_and_is_the_exit_code(peer: Peer, start_node
     assert (code, "did you mean /knee_contact?" in errors) == (2, True)
 
 
-def test_a_node_is_chosen_by_name(peer: Peer, start_node: Start) -> None:
+def test_a_node_is_chosen_by_name(peer, start_node):
     start_node()
     peer.wait_for_node()
     other = Node("other", namespace="left")
@@ -94,7 +91,7 @@ def test_a_node_is_chosen_by_name(peer: Peer, start_node: Start) -> None:
     other.destroy_node()
 
 
-def test_a_terminal_stays_still_and_keeps_the_last_picture(peer: Peer, start_node: Start) -> None:
+def test_a_terminal_stays_still_and_keeps_the_last_picture(peer, start_node):
     start_node()
     peer.wait_for_node()
     with Terminal(*COMMAND) as terminal:

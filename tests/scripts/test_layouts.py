@@ -3,13 +3,9 @@
 The real applications are not here; `docs/decisions/scene-report-viewers.md` says what was tried with them by hand.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import xml.etree.ElementTree as ET
-from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -27,7 +23,7 @@ SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
 
 
 @pytest.fixture(scope="module")
-def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag, tmp_path_factory):
     """Gait, solved."""
     path = tmp_path_factory.mktemp("layouts") / "gait.mcap"
     solve(right_bag, load_parameters(["healthy"]), path)
@@ -35,13 +31,13 @@ def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="module")
-def messages(recording: Path) -> dict[str, Any]:
+def messages(recording):
     """A message of each topic that is plotted."""
     types = types_of(RECORDED)
     return {message.topic: message.message for message in read_bag(recording, types)}
 
 
-def is_number(message: Any, field: str) -> bool:
+def is_number(message, field):
     """Whether a field with dots in its name is one; `position[0]` is an element of a sequence."""
     for name, index in re.findall(r"(\w+)(?:\[(\d+)\])?", field):
         message = getattr(message, name)
@@ -50,13 +46,13 @@ def is_number(message: Any, field: str) -> bool:
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_the_shipped_layouts_are_what_the_script_makes(config: Path, name: str) -> None:
+def test_the_shipped_layouts_are_what_the_script_makes(config, name):
     assert (config / name).read_text() == MADE[name], (
         "make it again: python -m scripts.make_layouts"
     )
 
 
-def test_foxglove_every_path_is_a_number_of_the_recording(messages: dict[str, Any]) -> None:
+def test_foxglove_every_path_is_a_number_of_the_recording(messages):
     text = MADE["foxglove/knee_contact.json"]
     panels = json.loads(text)["configById"]
     assert {text.count(f'"{panel}"') for panel in panels} == {2}  # its settings, and its place
@@ -69,7 +65,7 @@ def test_foxglove_every_path_is_a_number_of_the_recording(messages: dict[str, An
         assert is_number(messages[topic], field), value
 
 
-def test_a_recording_names_the_states_as_foxglove_reads_them(recording: Path) -> None:
+def test_a_recording_names_the_states_as_foxglove_reads_them(recording):
     """A field's values have the names of the constants of its type that stand right before it."""
     with recording.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -96,7 +92,7 @@ def test_a_recording_names_the_states_as_foxglove_reads_them(recording: Path) ->
     assert "# [m] >= 0; 0 when apart" in definition  # and the units
 
 
-def test_plotjuggler_every_curve_is_a_number_of_the_recording(messages: dict[str, Any]) -> None:
+def test_plotjuggler_every_curve_is_a_number_of_the_recording(messages):
     old, new = (
         ET.fromstring(MADE[f"plotjuggler/knee_contact.{kind}"])  # noqa: S314
         for kind in ("xml", "pj4.xml")

@@ -1,18 +1,12 @@
 """Rerun opens our recordings directly: what the shipped blueprint names is there, and is seen."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.chunk import RrdReader
@@ -22,13 +16,13 @@ from knee_contact_ros.parameters.files import load_parameters
 from scripts.make_layouts import COLOURS, JOINTS, LANES, PLOTS, STATES
 from scripts.make_rerun_blueprint import APPLICATION, TIMELINE, application_of, blueprint
 from tests.helpers.offline import solve
-from tests.helpers.viewer import RERUN, Screen, pixels_of, rendered, wait_for
+from tests.helpers.viewer import RERUN, pixels_of, rendered, wait_for
 
 PEAK = 2_430_000_000
 
 
 @pytest.fixture(scope="module")
-def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(right_bag, tmp_path_factory):
     """The right leg's gait in an osteoarthritic knee, whose name Rerun does not take as it is."""
     path = tmp_path_factory.mktemp("direct") / "gait 2354.right.mcap"
     parameters = load_parameters(["osteoarthritis", "mri_femur"])
@@ -37,18 +31,18 @@ def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="module")
-def shipped(config: Path) -> Path:
+def shipped(config):
     """The blueprint as it is installed."""
     return config / "rerun" / "knee_contact.rbl"
 
 
-def rerun(*arguments: str | Path) -> bytes:
+def rerun(*arguments):
     """What a command of Rerun writes to standard output."""
     return subprocess.run([RERUN, *arguments], check=True, capture_output=True).stdout
 
 
 @contextmanager
-def piped(content: bytes, folder: Path) -> Iterator[Path]:
+def piped(content, folder):
     """A pipe that gives the content, as a shell's `<(...)` does."""
     pipe = folder / "pipe"
     os.mkfifo(pipe)
@@ -59,7 +53,7 @@ def piped(content: bytes, folder: Path) -> Iterator[Path]:
     pipe.unlink()
 
 
-def content(blueprint: Path) -> set[str]:
+def content(blueprint):
     """What a blueprint says, without its random names."""
     (store,) = RrdReader(blueprint).blueprints()
     found = set()
@@ -80,7 +74,7 @@ def content(blueprint: Path) -> set[str]:
     return found
 
 
-def test_the_shipped_blueprint_is_what_the_module_makes(shipped: Path, tmp_path: Path) -> None:
+def test_the_shipped_blueprint_is_what_the_module_makes(shipped, tmp_path):
     blueprint().save(APPLICATION, tmp_path / "new.rbl")
     assert content(shipped) == content(tmp_path / "new.rbl"), (
         "make it again: python -m scripts.make_rerun_blueprint"
@@ -88,7 +82,7 @@ def test_the_shipped_blueprint_is_what_the_module_makes(shipped: Path, tmp_path:
     assert RrdReader(shipped).blueprints()[0].application_id == APPLICATION
 
 
-def seen(screen: Screen) -> None:
+def seen(screen):
     """Every view shows every one of its curves, or lanes, and Rerun has nothing to complain of."""
     # The blueprint is a file of its own: until it has come, the viewer shows a layout of its own making
     wait_for(lambda: len(screen.views()) == len(PLOTS) + 2, "the views of the blueprint")
@@ -111,14 +105,12 @@ def seen(screen: Screen) -> None:
     assert (joints.max(axis=2) > 100).sum() > joints.shape[1] / 2
 
 
-def darkened(picture: NDArray[np.uint8], colour: str) -> int:
+def darkened(picture, colour):
     """How many pixels have a colour in the view of states, which takes a fifth of its light away."""
     return pixels_of(picture, (*(round(0.785 * part) for part in COLOURS[colour]),), within=3)
 
 
-def test_opened_directly_with_the_shipped_blueprint(
-    recording: Path, shipped: Path, tmp_path: Path
-) -> None:
+def test_opened_directly_with_the_shipped_blueprint(recording, shipped, tmp_path):
     routed = rerun("rrd", "route", "--application-id", application_of(recording), shipped)
     with piped(routed, tmp_path) as blueprint, rendered(recording, blueprint) as screen:
         seen(screen)

@@ -1,7 +1,5 @@
 """Numbers of answers among their bytes, by whatever definition they came with."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
@@ -20,18 +18,18 @@ TEXT = definition(TYPE).decode()
 STAMPS = [3 * NANOSECONDS + 5, 4 * NANOSECONDS, 2**31 * NANOSECONDS - 1]
 
 
-def described(text: str) -> MessageDefinition:
+def described(text):
     return MessageDefinition(MessageDefinitionFormat.MSG, text)
 
 
-def message(stamp: int, frame: str) -> bytes:
+def message(stamp, frame):
     rows = blank_answers(1)
     for number, name in enumerate(MESSAGE_FIELDS):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
 
 
-def without(*names: str) -> str:
+def without(*names):
     """The present definition without some fields."""
     lines = TEXT.splitlines(keepends=True)
     return "".join(
@@ -40,7 +38,7 @@ def without(*names: str) -> str:
 
 
 @pytest.mark.parametrize("definition_", [NO_DEFINITION, described(TEXT)])
-def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefinition) -> None:
+def test_trailing_bytes_and_frames_of_other_lengths(definition_):
     frames, trailing = ("tibia", "a long frame", "tibia"), (b"", b"\1", b"\1\2\3")
     messages = [
         message(stamp, frame) + more
@@ -60,9 +58,7 @@ def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefiniti
     st.text(max_size=9),
     st.lists(st.booleans(), max_size=2),
 )
-def test_every_definition_is_read_as_rosbags_does(
-    missing: set[str], little_endian: bool, frame: str, more: list[bool]
-) -> None:
+def test_every_definition_is_read_as_rosbags_does(missing, little_endian, frame, more):
     text, frame = without(*missing), frame.replace("\x00", "")
     for number, wide in enumerate(more):  # fields that this package does not know, in the middle
         text = text.replace(
@@ -97,7 +93,7 @@ def test_every_definition_is_read_as_rosbags_does(
         ), name
 
 
-def test_fields_of_variable_size_end_the_known_layout() -> None:
+def test_fields_of_variable_size_end_the_known_layout():
     text = TEXT.replace("uint32 evaluations ", "uint32 evaluations\nstring words\nfloat64 later ")
     data = message(1, "tibia")
     (row,) = decode_answers(Column.of([data + b"\0" * 50]), described(text)).view(FLAT)
@@ -121,8 +117,6 @@ def test_fields_of_variable_size_end_the_known_layout() -> None:
         (message(1, "tibia"), "float64 load\n" + TEXT, "does not begin with a header"),
     ],
 )
-def test_a_message_that_does_not_fit_its_definition_is_refused(
-    data: bytes, text: str, words: str
-) -> None:
+def test_a_message_that_does_not_fit_its_definition_is_refused(data, text, words):
     with pytest.raises(ValueError, match=words):
         decode_answers(Column.of([data]), described(text))

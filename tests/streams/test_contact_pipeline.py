@@ -1,9 +1,6 @@
 """Medial and lateral contact from one stream: each as if it were alone, and their wrenches added."""
 
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +13,11 @@ import knee_contact_ros
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.types import FLAT, MAX_SURFACE_GAP, ROW, Rows, Status
+from knee_contact_ros.model.types import FLAT, MAX_SURFACE_GAP, ROW, Status
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
-from knee_contact_ros.streams.contact_pipeline import ContactAnswer, ContactPipeline
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -40,7 +37,7 @@ ROUNDINGS = 4 * np.finfo(float).eps
 """Relative, of a difference and a sum of numbers of one size"""
 
 
-def messages(moment: float = 0.0) -> Iterator[tuple[bytes, bytes]]:
+def messages(moment=0.0):
     """A stance and a half: joint states and forces."""
     for i in range(TICKS):
         angle, force = 0.4 + 0.4 * np.sin(0.1 * i), 700.0 - 800.0 * np.cos(0.2 * i)
@@ -53,9 +50,7 @@ def messages(moment: float = 0.0) -> Iterator[tuple[bytes, bytes]]:
         )
 
 
-def one_by_one(
-    pipeline: ContactPipeline, moment: float = 0.0
-) -> tuple[list[ContactAnswer], list[Rows]]:
+def one_by_one(pipeline, moment=0.0):
     """All answers, and the rows of each compartment."""
     answers = []
     for state, force in messages(moment):
@@ -66,16 +61,16 @@ def one_by_one(
     return answers, [rows[first::number] for first in range(number)]
 
 
-def pipeline_of(values: dict[str, Any]) -> ContactPipeline:
+def pipeline_of(values):
     return quick_pipeline([BOTH, values])
 
 
-def quick_pipeline(sources: Any) -> ContactPipeline:
+def quick_pipeline(sources):
     """Compiled, as the knees are many."""
     return ContactPipeline(load_parameters(sources), compiled=True)
 
 
-def without_place(rows: Rows) -> list[tuple[Any, ...]]:
+def without_place(rows):
     """All numbers but those that tell where the compartment lies."""
     names = [
         name
@@ -108,7 +103,7 @@ KNEES: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("values", KNEES, ids=str)
-def test_each_compartment_answers_as_if_it_were_alone(values: dict[str, Any]) -> None:
+def test_each_compartment_answers_as_if_it_were_alone(values):
     """The medial one the same bits as with `fixed_share`; the lateral one those of its own model."""
     _, (medial, lateral) = one_by_one(pipeline_of(values | {"load.share": 0.6}))
     parameters = load_parameters([BOTH, values, {"load.share": 0.6}])
@@ -134,9 +129,7 @@ def test_each_compartment_answers_as_if_it_were_alone(values: dict[str, Any]) ->
     moment=st.floats(-10.0, 10.0),
     split=st.sampled_from(["fixed_share", "moment_balance"]),
 )
-def test_medial_and_lateral_load_are_the_axial_load(
-    share: float, moment: float, split: str
-) -> None:
+def test_medial_and_lateral_load_are_the_axial_load(share, moment, split):
     _, (medial, lateral) = one_by_one(
         pipeline_of({"load.share": share, "load.split": split, "fidelity.level": "quasi_static"}),
         moment,
@@ -149,7 +142,7 @@ def test_medial_and_lateral_load_are_the_axial_load(
     ).all()
 
 
-def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
+def test_the_wrench_is_that_of_both_forces_at_the_origin():
     """On planes without slope the forces point down: their moment about x is d (lateral - medial)."""
     answers, (medial, lateral) = one_by_one(pipeline_of({"load.share": 0.7}))
     wrenches = [WRENCH.decode_message(answer.wrench)[0] for answer in answers]
@@ -164,7 +157,7 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     assert set(lateral["contact_point"]["z"]) == {0.025}
 
 
-def test_a_recording_that_begins_in_motion_is_unknown_at_first() -> None:
+def test_a_recording_that_begins_in_motion_is_unknown_at_first():
     """Of a node that had answered before; what it had computed until then is not known."""
     pipeline = quick_pipeline([])
     pipeline.resume_recording(ticks_before=1)
@@ -174,9 +167,7 @@ def test_a_recording_that_begins_in_motion_is_unknown_at_first() -> None:
     assert rows["error_estimate"][0] == pipeline.model.plausible_depth + MAX_SURFACE_GAP
 
 
-def test_a_recording_of_both_is_computed_again_from_itself(
-    right_bag: Path, tmp_path: Path
-) -> None:
+def test_a_recording_of_both_is_computed_again_from_itself(right_bag, tmp_path):
     types = types_of(recorded_topics(has_both=True))
     parameters = load_parameters(
         ["healthy", "both_compartments", {"lateral.contact.damping": 900.0}]

@@ -1,7 +1,5 @@
 """Forces in their frames: turned by static transforms, refused by name, and held to one frame."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -39,13 +37,11 @@ quaternions = arrays(float, 4, elements=st.floats(-1.0, 1.0)).filter(
 )
 
 
-def wrench(
-    frame: str, force: tuple[float, float, float], torque: tuple[float, float, float] = NOWHERE
-) -> WrenchStamped:
+def wrench(frame, force, torque=NOWHERE):
     return WrenchStamped(7, frame, force, torque)
 
 
-def take(frame: ForceFrame, given: WrenchStamped) -> WrenchStamped:
+def take(frame, given):
     """What comes of a force that is taken; the bytes must be its own."""
     turned, data = frame.turn_wrench(given, encode_wrench_stamped(given))
     assert WRENCH.decode_message(data)[0] == turned
@@ -54,17 +50,17 @@ def take(frame: ForceFrame, given: WrenchStamped) -> WrenchStamped:
     return turned
 
 
-def told(frame: ForceFrame, *transforms: Transform) -> None:
+def told(frame, *transforms):
     assert frame.add_transforms(transforms) == []
 
 
-def refusal(frame: ForceFrame, given: WrenchStamped) -> RefusedSampleError:
+def refusal(frame, given):
     with pytest.raises(RefusedSampleError) as refused:
         frame.turn_wrench(given, b"")
     return refused.value
 
 
-def test_a_changed_frame_is_refused_until_a_reset() -> None:
+def test_a_changed_frame_is_refused_until_a_reset():
     frame = ForceFrame()
     take(frame, wrench("left", NOWHERE))
     refused = refusal(frame, wrench("right", NOWHERE))
@@ -77,7 +73,7 @@ def test_a_changed_frame_is_refused_until_a_reset() -> None:
     take(frame, wrench("right", NOWHERE))
 
 
-def test_a_frame_without_a_transform_is_refused_by_name() -> None:
+def test_a_frame_without_a_transform_is_refused_by_name():
     frame = ForceFrame("tibia_isb")
     refused = refusal(frame, wrench("sensor", NOWHERE))
     assert refused.reason == "frame_unknown"
@@ -86,7 +82,7 @@ def test_a_frame_without_a_transform_is_refused_by_name() -> None:
     assert take(frame, wrench("sensor", (0.0, 0.0, -700.0))).frame_id == "tibia_isb"
 
 
-def test_a_way_that_moves_is_named_as_the_reason() -> None:
+def test_a_way_that_moves_is_named_as_the_reason():
     frame = ForceFrame("tibia")
     told(frame, Transform("foot", "sensor", NOWHERE, UPRIGHT))
     frame.note_moving(
@@ -100,7 +96,7 @@ def test_a_way_that_moves_is_named_as_the_reason() -> None:
 
 
 @pytest.mark.parametrize("name", ["world", "/odom", "robot/base_link", "MAP"])
-def test_a_frame_that_does_not_turn_with_the_tibia_is_doubted(name: str) -> None:
+def test_a_frame_that_does_not_turn_with_the_tibia_is_doubted(name):
     frame = ForceFrame()
     assert not frame.doubt
     take(frame, wrench(name, NOWHERE))
@@ -115,13 +111,13 @@ def test_a_frame_that_does_not_turn_with_the_tibia_is_doubted(name: str) -> None
 
 
 @pytest.mark.parametrize("name", ["", "tibia", "world_tibia", "shank/base_link_sensor"])
-def test_other_frames_are_not_doubted(name: str) -> None:
+def test_other_frames_are_not_doubted(name):
     frame = ForceFrame()
     frame.hold_frame(name)
     assert not frame.doubt
 
 
-def test_a_frame_by_rep_103_is_turned_upright() -> None:
+def test_a_frame_by_rep_103_is_turned_upright():
     """Up is z there and y here, left is y there and -z here."""
     turned = take(ForceFrame("tibia_isb"), wrench("tibia", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
     assert turned.force == pytest.approx((1.0, 3.0, -2.0), abs=ROUNDING)
@@ -131,9 +127,7 @@ def test_a_frame_by_rep_103_is_turned_upright() -> None:
 
 
 @given(quaternions, vectors, vectors, vectors, vectors)
-def test_a_wrench_does_the_same_work_in_every_frame(
-    turn: np.ndarray, place: np.ndarray, force: np.ndarray, torque: np.ndarray, twist: np.ndarray
-) -> None:
+def test_a_wrench_does_the_same_work_in_every_frame(turn, place, force, torque, twist):
     """Power on a body that turns by `twist` [rad/s] about the old origin, which lies at `place`."""
     rotation = Rotation.from_quat(turn)
     pose = np.eye(4)
@@ -146,9 +140,7 @@ def test_a_wrench_does_the_same_work_in_every_frame(
 
 
 @given(quaternions, quaternions, vectors, vectors, vectors)
-def test_a_tree_takes_a_point_up_and_down(
-    left: np.ndarray, right: np.ndarray, up: np.ndarray, down: np.ndarray, point: np.ndarray
-) -> None:
+def test_a_tree_takes_a_point_up_and_down(left, right, up, down, point):
     """From one arm to the other: by SciPy's own rotations."""
     left, right = left / np.linalg.norm(left), right / np.linalg.norm(right)
     tree = StaticTransforms()
@@ -174,7 +166,7 @@ def test_a_tree_takes_a_point_up_and_down(
         Transform("a", "", NOWHERE, UPRIGHT),
     ],
 )
-def test_an_invalid_transform_is_ignored(transform: Transform) -> None:
+def test_an_invalid_transform_is_ignored(transform):
     tree = StaticTransforms()
     tree.add_transform(Transform("a", "b", NOWHERE, UPRIGHT))
     with pytest.raises(ValueError, match="transform"):
@@ -182,7 +174,7 @@ def test_an_invalid_transform_is_ignored(transform: Transform) -> None:
     assert tree.between("b", "a") == pytest.approx(np.eye(4))
 
 
-def test_a_changed_transform_holds_and_is_reported_once() -> None:
+def test_a_changed_transform_holds_and_is_reported_once():
     frame = ForceFrame("tibia")
     told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
     take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
@@ -198,7 +190,7 @@ def test_a_changed_transform_holds_and_is_reported_once() -> None:
     assert frame.take_turn_note()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
 
 
-def test_a_force_refused_for_another_reason_reports_no_frame() -> None:
+def test_a_force_refused_for_another_reason_reports_no_frame():
     """Neither a frame that is right as it is, nor one that would have to be turned."""
     for wanted in ("", "tibia_isb"):
         frame = ForceFrame(wanted)
@@ -208,7 +200,7 @@ def test_a_force_refused_for_another_reason_reports_no_frame() -> None:
         assert not frame.take_turn_note()
 
 
-def test_frames_of_a_recording_are_not_checked() -> None:
+def test_frames_of_a_recording_are_not_checked():
     frame = ForceFrame("tibia")
     frame.is_known = True
     for name in ("a", "b"):
@@ -219,7 +211,7 @@ def test_frames_of_a_recording_are_not_checked() -> None:
 @pytest.mark.parametrize(
     "text", ["-90 0 0 deg", "-1.5707963267948966, 0, 0", f"-{0.5**0.5} 0 0 {0.5**0.5}"]
 )
-def test_a_rotation_is_angles_or_a_quaternion(text: str) -> None:
+def test_a_rotation_is_angles_or_a_quaternion(text):
     frame = ForceFrame(rotation=rotation_numbers(text))
     given = wrench("cell", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
     turned, data = frame.turn_wrench(given, b"as it came")
@@ -230,7 +222,7 @@ def test_a_rotation_is_angles_or_a_quaternion(text: str) -> None:
 
 
 @given(arrays(float, 3, elements=st.floats(-7.0, 7.0)), vectors)
-def test_a_rotation_turns_as_its_sensor_in_a_urdf(angles: np.ndarray, force: np.ndarray) -> None:
+def test_a_rotation_turns_as_its_sensor_in_a_urdf(angles, force):
     roll, pitch, yaw = (Rotation.from_rotvec(row) for row in np.diag(angles))
     frame = ForceFrame("shank", rotation=rotation_numbers(" ".join(map(repr, angles.tolist()))))
     x, y, z = force.tolist()
@@ -243,12 +235,12 @@ def test_a_rotation_turns_as_its_sensor_in_a_urdf(angles: np.ndarray, force: np.
 @pytest.mark.parametrize(
     "value", ["1 2", "1 2 3 4", "0 0 0 1 deg", "a b c", "nan 0 0", [1.0, 2.0], 3.0]
 )
-def test_a_text_that_is_no_rotation_is_refused(value: object) -> None:
+def test_a_text_that_is_no_rotation_is_refused(value):
     with pytest.raises(UsageError, match=r"parameter load.rotation: .* is not allowed"):
         load_parameters({"load.rotation": value})
 
 
-def test_a_rotated_force_needs_three_numbers() -> None:
+def test_a_rotated_force_needs_three_numbers():
     values = {"load.rotation": "0 0 0", "load.source": "cell std_msgs/Float64 data on arrival"}
     with pytest.raises(
         UsageError, match=r"load.source: 1 fields are not allowed; load.rotation needs 3"

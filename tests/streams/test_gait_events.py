@@ -1,7 +1,5 @@
 """Gait events from angle and load, against what the ground reaction says of the shipped gaits."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +14,6 @@ from knee_contact_ros.streams.gait_events import (
     HEEL_STRIKE,
     LOAD_PEAK,
     TOE_OFF,
-    GaitEvent,
     GaitEvents,
 )
 from knee_contact_ros.streams.topics import stamp_to_ns
@@ -35,7 +32,7 @@ STRIDE = 1.235
 """[s] of the right leg, from one heel strike to the next"""
 
 
-def gait(side: str) -> Samples:
+def gait(side):
     bag = read_bag(share_folder() / "bags" / f"gait2354_{side}", INPUT_TYPES)
     angles = {
         stamp_to_ns(m.message.header.stamp): m.message.position[0]
@@ -59,7 +56,7 @@ def gait(side: str) -> Samples:
 RIGHT, LEFT = gait("right"), gait("left")
 
 
-def walking(rate: float, seconds: float) -> Samples:
+def walking(rate, seconds):
     """The right leg's gait cycle over and over; its last 0.1 s goes over into the first one's beginning."""
     time, (stamps, angle, load) = np.arange(round(rate * seconds)) / rate, RIGHT
     phase, recorded, begin = (
@@ -80,7 +77,7 @@ def walking(rate: float, seconds: float) -> Samples:
     )
 
 
-def found(samples: Samples, cuts: tuple[int, ...] = ()) -> list[GaitEvent]:
+def found(samples, cuts=()):
     """Events of samples that come in batches."""
     finder, events = GaitEvents(BODY_WEIGHT), []
     edges = [0, *sorted(cuts), len(samples[0])]
@@ -91,23 +88,21 @@ def found(samples: Samples, cuts: tuple[int, ...] = ()) -> list[GaitEvent]:
     return events + finder.finish_events()
 
 
-def times(events: list[GaitEvent], kind: str) -> list[float]:
+def times(events, kind):
     return [event.stamp / 1e9 for event in sorted(events) if event.kind == kind]
 
 
 @pytest.mark.parametrize(("side", "samples"), [("right", RIGHT), ("left", LEFT)])
 @pytest.mark.parametrize("kind", [HEEL_STRIKE, TOE_OFF])
 @pytest.mark.parametrize("share", [1.0, 2.0], ids=["half of the load", "all of it"])
-def test_events_of_the_shipped_gait_are_those_of_the_ground_reaction(
-    side, samples: Samples, kind, share
-) -> None:
+def test_events_of_the_shipped_gait_are_those_of_the_ground_reaction(side, samples, kind, share):
     stamps, angle, load = samples
     assert times(found((stamps, angle, share * load)), kind) == pytest.approx(
         GROUND_REACTION[side][kind], abs=LARGEST_ERROR
     )
 
 
-def test_load_peaks_are_samples_and_events_say_what_they_are() -> None:
+def test_load_peaks_are_samples_and_events_say_what_they_are():
     events = [event for event in found(RIGHT) if event.kind == LOAD_PEAK]
     assert times(events, LOAD_PEAK) == [0.785, 1.205, 2.015, 2.430]
     assert [event.text for event in events][2] == "load peak 1.81 BW (1337.7 N)"
@@ -117,7 +112,7 @@ def test_load_peaks_are_samples_and_events_say_what_they_are() -> None:
 
 
 @pytest.mark.parametrize("rate", [37.0, 100.0, 200.0, 1000.0])
-def test_every_step_is_found_at_any_rate(rate: float) -> None:
+def test_every_step_is_found_at_any_rate(rate):
     events = found(walking(rate, 60.0))
     # 60 s are 48.6 strides: the last one has come to its second peak of stance, and not to its toe-off.
     strikes, steps = times(events, HEEL_STRIKE), times(events, TOE_OFF)
@@ -133,7 +128,7 @@ def test_every_step_is_found_at_any_rate(rate: float) -> None:
     st.integers(0, 3),
     st.sampled_from([100.0, 333.0, 1000.0]),
 )
-def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) -> None:
+def test_batches_make_no_difference(cuts, noise, rate):
     stamps, angle, load = walking(rate, 1500 / rate)
     random = np.random.default_rng(noise)
     angle = angle + np.radians(noise) * random.standard_normal(len(angle))
@@ -145,7 +140,7 @@ def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) ->
     )
 
 
-def stopped(before: float, after: float, tilt: float, noise: float) -> Samples:
+def stopped(before, after, tilt, noise):
     """Gait of a knee that reaches a stop at 5° `before` landing [s] and leaves it `after` it; it tilts [rad/s]."""
     (stamps, angle, load), strike = walking(200.0, 12.35), 0.084
     time = (stamps - stamps[0]) / 1e9
@@ -162,9 +157,7 @@ def stopped(before: float, after: float, tilt: float, noise: float) -> Samples:
 @pytest.mark.parametrize("before", [0.1, 0.2, 0.3])
 @pytest.mark.parametrize("after", [0.0, 0.1, 0.3])
 @pytest.mark.parametrize(("tilt", "noise"), [(0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.005)])
-def test_the_load_finds_heel_strikes_that_a_stop_hides(
-    before: float, after: float, tilt: float, noise: float
-) -> None:
+def test_the_load_finds_heel_strikes_that_a_stop_hides(before, after, tilt, noise):
     samples = stopped(before, after, tilt, noise)
     events = found(samples)
     strikes = np.array(times(events, HEEL_STRIKE)) - samples[0][0] / 1e9
@@ -175,7 +168,7 @@ def test_the_load_finds_heel_strikes_that_a_stop_hides(
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_noise_does_not_multiply_events(seed: int) -> None:
+def test_noise_does_not_multiply_events(seed):
     random = np.random.default_rng(seed)
     stamps, angle, load = walking(200.0, 20.0)
     clean = found((stamps, angle, load))
@@ -198,9 +191,7 @@ def test_noise_does_not_multiply_events(seed: int) -> None:
     assert abs(len(times(noisy, LOAD_PEAK)) - len(times(clean, LOAD_PEAK))) <= 1  # that at the end
 
 
-def still(
-    seconds: float = 30.0, rate: float = 1000.0
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def still(seconds=30.0, rate=1000.0):
     time = np.arange(round(seconds * rate)) / rate
     return np.round(1e9 * time).astype(np.int64), time
 
@@ -208,7 +199,7 @@ def still(
 STAMPS, TIME = still()
 
 
-def noise(size: float) -> NDArray[np.float64]:
+def noise(size):
     return size * np.random.default_rng(0).standard_normal(len(TIME))
 
 
@@ -228,11 +219,11 @@ NO_GAIT = {
 
 
 @pytest.mark.parametrize("name", NO_GAIT)
-def test_no_gait_has_no_events(name: str) -> None:
+def test_no_gait_has_no_events(name):
     assert found((STAMPS, *NO_GAIT[name])) == []
 
 
-def test_rising_from_a_chair_is_no_step() -> None:
+def test_rising_from_a_chair_is_no_step():
     turn = np.cos(2.0 * TIME)
     angle = np.radians(45.0 - 50.0 * turn).clip(0.05)
     assert {each.kind for each in found((STAMPS, angle, 50.0 + 600.0 * (turn > -0.5)))} <= {

@@ -1,10 +1,7 @@
 """Joint states that are spread over messages: taken together, and named where one never comes."""
 
-from __future__ import annotations
-
 import itertools
 import math
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -29,17 +26,17 @@ LEG = {"hip.joint_name": "hip", "ankle.joint_name": "ankle"}
 POSE = {"hip": 0.1, "knee": 0.4, "ankle": -0.1}
 
 
-def state(stamp: int, **positions: float) -> JointState:
+def state(stamp, **positions):
     return JointState(stamp, "", tuple(positions), tuple(positions.values()), (), ())
 
 
-def force(stamp: int) -> bytes:
+def force(stamp):
     return encode_wrench_stamped(
         WrenchStamped(stamp, "ground", (0.0, 400.0, 0.0), (0.0, 0.0, 0.0))
     )
 
 
-def answers_of(pipeline: Any, messages: list[JointState | int]) -> list[Any]:
+def answers_of(pipeline, messages):
     """Answers to joint states, and to forces at stamps [ns]."""
     answers = []
     for each in messages:
@@ -51,8 +48,8 @@ def answers_of(pipeline: Any, messages: list[JointState | int]) -> list[Any]:
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(POSE)))
-def test_each_driver_may_publish_its_own_joint(order: tuple[str, ...]) -> None:
-    def spread(i: int) -> list[JointState | int]:
+def test_each_driver_may_publish_its_own_joint(order):
+    def spread(i):
         parts = [
             state(STEP * i + 1000 * k, **{joint: POSE[joint] + 0.001 * i})
             for k, joint in enumerate(order)
@@ -72,7 +69,7 @@ def test_each_driver_may_publish_its_own_joint(order: tuple[str, ...]) -> None:
     assert (last.flexion, last.hip) == pytest.approx((0.4 + moved, 0.1 + moved), abs=1e-6)
 
 
-def test_one_message_of_all_gives_the_same_as_several_at_one_stamp() -> None:
+def test_one_message_of_all_gives_the_same_as_several_at_one_stamp():
     whole, several = list[JointState | int](), list[JointState | int]()
     for i in range(100):
         pose = {joint: angle + 0.002 * i for joint, angle in POSE.items()}
@@ -85,7 +82,7 @@ def test_one_message_of_all_gives_the_same_as_several_at_one_stamp() -> None:
     assert [each.message for each in one] == [each.message for each in other]
 
 
-def test_a_joint_that_never_comes_is_named() -> None:
+def test_a_joint_that_never_comes_is_named():
     joints = SpreadJoints(("knee", "hip"), GAP)
     for i in range(GAP // STEP + 1):
         assert joints.join(state(i * STEP, knee=0.1)) is None
@@ -96,7 +93,7 @@ def test_a_joint_that_never_comes_is_named() -> None:
     assert joints.join(state(10 * GAP, wrist=0.0)) is None  # it is another joint's
 
 
-def test_joints_whose_clocks_differ_are_refused() -> None:
+def test_joints_whose_clocks_differ_are_refused():
     joints = SpreadJoints(("knee", "hip"), GAP)
     joints.join(state(0, knee=0.1))
     with pytest.raises(RefusedSampleError, match=r"messages 0.101 s apart, above pairing.max_gap"):
@@ -106,7 +103,7 @@ def test_joints_whose_clocks_differ_are_refused() -> None:
 @given(
     st.lists(st.sets(st.sampled_from(["knee", "hip", "ankle", "wrist"]), min_size=1), max_size=30)
 )
-def test_no_value_is_used_twice_or_taken_from_another_joint(parts: list[set[str]]) -> None:
+def test_no_value_is_used_twice_or_taken_from_another_joint(parts):
     joints, used = SpreadJoints(("knee", "hip"), GAP), set[float]()
     for i, names in enumerate(parts):
         message = state(

@@ -1,9 +1,6 @@
 """From the bytes of a leg's sensors to the joint reaction: answers, levels, motion, faults, an estimate's bytes."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterable
 from typing import Any, get_type_hints
 
 import pytest
@@ -17,7 +14,7 @@ from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, LoadEstimateF
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.load_pipeline import LoadAnswer, LoadPipeline, encode_estimate
+from knee_contact_ros.streams.load_pipeline import LoadPipeline, encode_estimate
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
@@ -38,41 +35,41 @@ from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk
 POSE = {"hip": 0.3, "knee": 0.5, "ankle": 0.1}
 
 
-def pipeline(values: Any = None) -> LoadPipeline:
+def pipeline(values=None):
     return LoadPipeline(load_parameters(WHOLE_LEG if values is None else values, LoadParameters))
 
 
-def take(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[LoadAnswer]:
+def take(pipe, messages):
     """What they make possible."""
     return list(answers_to(pipe, messages))
 
 
-def by_stamp(answers: Iterable[LoadAnswer]) -> dict[int, LoadEstimateFields]:
+def by_stamp(answers):
     return {answer.sensed.stamp: answer.estimate for answer in answers}
 
 
-def estimates(pipe: LoadPipeline, messages: Iterable[RawMessage]) -> list[LoadEstimateFields]:
+def estimates(pipe, messages):
     answers = [*take(pipe, messages), *pipe.finish_streams()]
     return [answer.estimate for answer in answers]
 
 
-def state(stamp: int, efforts: tuple[float, ...] = (), **positions: float) -> RawMessage:
+def state(stamp, efforts=(), **positions):
     told = JointState(stamp, "", tuple(positions), tuple(positions.values()), (), efforts)
     return RawMessage(ANGLES, stamp, encode_joint_state(told))
 
 
-def force(stamp: int, wrench: WrenchStamped | None = None, **parts: Any) -> RawMessage:
+def force(stamp, wrench=None, **parts):
     told = (wrench or ground(275 * MS))._replace(stamp=stamp, **parts)
     return RawMessage(FORCE, stamp, encode_wrench_stamped(told))
 
 
-def once(values: Any, efforts: tuple[float, ...] = (), **parts: Any) -> LoadEstimateFields:
+def once(values, efforts=(), **parts):
     """The estimate for one pose and one force."""
     (found,) = estimates(pipeline(values), [state(0, efforts, **POSE), force(0, **parts)])
     return found
 
 
-def same(one: LoadEstimateFields, other: LoadEstimateFields, within: float = 0.0) -> bool:
+def same(one, other, within=0.0):
     """Whether two estimates are alike; what is not a number is like itself."""
     return all(
         a == pytest.approx(b, abs=within, rel=0.0, nan_ok=True)
@@ -84,7 +81,7 @@ ROUNDING = 1e-8
 """[N] or [N m]: moments of 1e3 N m are rounded by 1e-13 in each of some ten steps, muscles divide them by 0.01 m"""
 
 
-def test_the_reaction_is_in_the_tibia_frame_that_is_asked_for() -> None:
+def test_the_reaction_is_in_the_tibia_frame_that_is_asked_for():
     answer, _ = take(pipeline(WHOLE_LEG | {"frame.tibia": "shank_isb"}), walk(2))
     estimate = answer.estimate
     assert WRENCH.read_message(answer.reaction, "")[0] == (
@@ -95,7 +92,7 @@ def test_the_reaction_is_in_the_tibia_frame_that_is_asked_for() -> None:
     )
 
 
-def test_an_actuator_takes_its_part_of_the_moments() -> None:
+def test_an_actuator_takes_its_part_of_the_moments():
     """Efforts in the sense of the positions: 20 N m towards extension, 10 N m towards plantarflexion."""
     alone = once(WHOLE_LEG)
     values = WHOLE_LEG | {"knee.assisted": True, "ankle.assisted": True}
@@ -107,7 +104,7 @@ def test_an_actuator_takes_its_part_of_the_moments() -> None:
     assert same(once(values, efforts=(0.0, 0.0, 0.0)), alone)
 
 
-def test_a_jump_back_and_a_reset_restart_the_motion_filter() -> None:
+def test_a_jump_back_and_a_reset_restart_the_motion_filter():
     pipe, still = pipeline(), pipeline(WHOLE_LEG | {"motion_window": 0.0})
     first = estimates(pipe, walk(60))
     assert not same(first[-1], estimates(still, walk(60))[-1], within=1.0)  # it was moving
@@ -126,7 +123,7 @@ def test_a_jump_back_and_a_reset_restart_the_motion_filter() -> None:
 @pytest.mark.parametrize(
     ("pause", "given_up"), [(90, True), (90, False), (300, True), (300, False)]
 )
-def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
+def test_a_pause_of_the_angles_is_no_motion(pause, given_up):
     """Where they go on they are elsewhere, and nothing has jumped there; forces are given up meanwhile, or wait."""
     messages, silence = walk(200), range(300 * MS, (300 + pause) * MS)
     pipe, found = pipeline(), dict[int, LoadEstimateFields]()
@@ -154,7 +151,7 @@ def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
 
 
 @pytest.mark.parametrize("apart", [20, 90])
-def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
+def test_the_kinks_between_slow_angles_are_no_motion(apart):
     """Angles so many ms apart are interpolated for the forces between: no estimate is off by more than by no motion.
 
     And by what interpolation itself does to the angles, which the one without motion has too.
@@ -168,7 +165,7 @@ def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
     )
 
 
-def test_a_changed_offset_is_no_motion() -> None:
+def test_a_changed_offset_is_no_motion():
     pipe, messages = pipeline(), walk(200)
     take(pipe, messages[:200])
     pipe.retune(
@@ -179,7 +176,7 @@ def test_a_changed_offset_is_no_motion() -> None:
     assert found == [answer.estimate for answer in take(turned, messages[200:])]
 
 
-def test_a_changed_constant_counts_from_the_next_estimate() -> None:
+def test_a_changed_constant_counts_from_the_next_estimate():
     changed, messages = WHOLE_LEG | {"person.tone": 0.6}, walk(100)
     pipe = pipeline()
     before = take(pipe, messages[:100])
@@ -206,9 +203,7 @@ extreme, wide = st.floats(-1e5, 1e5) | small, st.floats(-100.0, 100.0) | small
 @given(
     st.tuples(extreme, extreme, extreme), st.tuples(extreme, extreme, extreme), wide, wide, wide
 )
-def test_any_accepted_samples_give_a_finite_estimate(
-    acts: Any, turns: Any, hip: float, knee: float, ankle: float
-) -> None:
+def test_any_accepted_samples_give_a_finite_estimate(acts, turns, hip, knee, ankle):
     stream = []
     for number in range(8):
         stamp, sign = number * MS, -1.0 if number % 2 else 1.0
@@ -233,15 +228,13 @@ frames = st.text(max_size=17).filter(lambda text: "\x00" not in text)
 stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 
 
-def fields_of(message: Any) -> list[str]:
+def fields_of(message):
     """What a message says behind its header; what is not a number is like itself."""
     return [repr(getattr(message, name)) for name in LoadEstimateFields._fields]
 
 
 @given(stamps, frames, any_estimates)
-def test_the_bytes_are_those_of_rosbags_and_ros(
-    stamp: int, frame: str, estimate: LoadEstimateFields
-) -> None:
+def test_the_bytes_are_those_of_rosbags_and_ros(stamp, frame, estimate):
     plain = typestore().types[TYPE](
         header=header(PlainMessages, stamp, frame), **estimate._asdict()
     )
@@ -255,7 +248,7 @@ def test_the_bytes_are_those_of_rosbags_and_ros(
         ) == (frame, stamp)
 
 
-def test_constants_are_those_of_the_package() -> None:
+def test_constants_are_those_of_the_package():
     for name, way in LOAD_LEVELS.items():
         assert getattr(LoadEstimate, name.upper()) == way.level
     known = [bit for bit in Status if hasattr(LoadEstimate, bit.name or "")]

@@ -1,10 +1,8 @@
 """Our own coder against ROS's and that of rosbags: the same content, or none."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from knee_contact_ros.msg import KneeContact
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState as RosJointState
 
-from knee_contact_ros.model.types import Contact
 from knee_contact_ros.streams import messages as coding
 from knee_contact_ros.streams.columns import Column, decode_all
 from knee_contact_ros.streams.messages import (
@@ -53,7 +50,7 @@ WRENCH = WrenchStamped(-1, "tibia_r", (1.0, -800.0, 3.0), (0.4, 0.5, 0.6))
 CONTACT = contact()
 
 
-def plain_joint_state(message: JointState) -> Any:
+def plain_joint_state(message):
     return message_class("sensor_msgs/msg/JointState")(
         header(PLAIN, message.stamp, message.frame_id),
         list(message.name),
@@ -61,14 +58,14 @@ def plain_joint_state(message: JointState) -> Any:
     )
 
 
-def plain_wrench(message: WrenchStamped) -> Any:
+def plain_wrench(message):
     wrench = PLAIN.Wrench(
         force=PLAIN.Vector3(*message.force), torque=PLAIN.Vector3(*message.torque)
     )
     return PLAIN.WrenchStamped(header(PLAIN, message.stamp, message.frame_id), wrench)
 
 
-def of_joint_state(message: Any) -> JointState:
+def of_joint_state(message):
     given = (
         tuple(value)
         for value in (message.name, message.position, message.velocity, message.effort)
@@ -76,7 +73,7 @@ def of_joint_state(message: Any) -> JointState:
     return JointState(stamp_to_ns(message.header.stamp), message.header.frame_id, *given)
 
 
-def of_wrench(message: Any) -> WrenchStamped:
+def of_wrench(message):
     force, torque = (
         (vector.x, vector.y, vector.z) for vector in (message.wrench.force, message.wrench.torque)
     )
@@ -94,23 +91,23 @@ class Kind(NamedTuple):
     messages: st.SearchStrategy[Any]
     example: Any
 
-    def decode(self, data: Any) -> Any:
+    def decode(self, data):
         decoded = self.coder.decode_message(data)
         return decoded and decoded[0]
 
-    def rosbags_bytes(self, message: Any, little_endian: bool = True) -> bytes:
+    def rosbags_bytes(self, message, little_endian=True):
         return bytes(
             typestore().serialize_cdr(self.plain(message), self.name, little_endian=little_endian)
         )
 
-    def ros_decode(self, data: bytes) -> Any:
+    def ros_decode(self, data):
         """What ROS makes of the bytes; None if it refuses them."""
         try:
             return self.read(deserialize_message(data, self.ros_class))
         except Exception:
             return None
 
-    def ros_bytes(self, message: Any) -> bytes:
+    def ros_bytes(self, message):
         """What ROS writes, with old memory between the fields."""
         return bytes(
             serialize_message(deserialize_message(self.rosbags_bytes(message), self.ros_class))
@@ -151,14 +148,14 @@ kinds_and_messages = kinds.flatmap(lambda kind: st.tuples(st.just(kind), kind.me
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 
 
-def bits(message: Any) -> Any:
+def bits(message):
     """The message with the bits of its numbers, which compare for NaN and tell -0 from 0."""
     if isinstance(message, float):
         return struct.pack("d", message)
     return tuple(map(bits, message)) if isinstance(message, tuple) else message
 
 
-def assert_none_or_as_ros(kind: Kind, data: bytes) -> Any:
+def assert_none_or_as_ros(kind, data):
     message = kind.decode(data)
     if message is not None:
         assert bits(message) == bits(kind.ros_decode(data))
@@ -167,8 +164,8 @@ def assert_none_or_as_ros(kind: Kind, data: bytes) -> Any:
 
 @given(kinds_and_messages)
 def test_messages_of_ros_and_rosbags_are_read_and_written(
-    case: tuple[Kind, Any],
-) -> None:
+    case,
+):
     kind, message = case
     written = kind.coder.encode_message(message)
     assert written == kind.rosbags_bytes(message)
@@ -185,9 +182,7 @@ def test_messages_of_ros_and_rosbags_are_read_and_written(
 
 @each_kind
 @pytest.mark.parametrize("little_endian", [True, False])
-def test_truncated_messages_are_refused_and_surplus_bytes_ignored(
-    kind: Kind, little_endian: bool
-) -> None:
+def test_truncated_messages_are_refused_and_surplus_bytes_ignored(kind, little_endian):
     data = kind.rosbags_bytes(kind.example, little_endian)
     assert [kind.decode(data[:length]) for length in range(len(data))] == [None] * len(data)
     assert [kind.decode(data + b"\xff" * surplus) for surplus in range(14)] == [
@@ -202,7 +197,7 @@ def test_truncated_messages_are_refused_and_surplus_bytes_ignored(
 
 @each_kind
 @pytest.mark.parametrize("little_endian", [True, False])
-def test_every_byte_matters_to_us_as_it_does_to_ros(kind: Kind, little_endian: bool) -> None:
+def test_every_byte_matters_to_us_as_it_does_to_ros(kind, little_endian):
     data = kind.rosbags_bytes(kind.example, little_endian)
     without_effect = 0
     for index in range(2, len(data)):
@@ -218,7 +213,7 @@ def test_every_byte_matters_to_us_as_it_does_to_ros(kind: Kind, little_endian: b
 
 @each_kind
 @pytest.mark.parametrize("text", [b"tibia\xff_", b"ti\xed\xa0\x80_r"])
-def test_text_that_is_no_utf_8_is_read_as_rclpy_does(kind: Kind, text: bytes) -> None:
+def test_text_that_is_no_utf_8_is_read_as_rclpy_does(kind, text):
     data = kind.coder.encode_message(kind.example._replace(frame_id="tibia_r"))
     for _ in range(2):
         read, recorded = kind.coder.decode_message(data[:16] + text + data[23:])
@@ -240,11 +235,11 @@ words = st.sampled_from([0, 1, 2, 3, 5, 2**16, 2**29, 2**31, 2**32 - 1]).map(
     | st.lists(words | st.just(b"a\x00\x00\x00"), max_size=40).map(b"".join),
 )
 @example(KINDS[0], b"\x00\x01\x00\x00", b"")
-def test_any_bytes_are_read_as_ros_does_or_refused(kind: Kind, start: bytes, rest: bytes) -> None:
+def test_any_bytes_are_read_as_ros_does_or_refused(kind, start, rest):
     assert_none_or_as_ros(kind, start + rest)
 
 
-def test_messages_of_equal_length_are_distinguished() -> None:
+def test_messages_of_equal_length_are_distinguished():
     messages = [
         JOINT_STATE,
         JOINT_STATE._replace(name=("knee", "toe", "")),
@@ -261,9 +256,7 @@ def test_messages_of_equal_length_are_distinguished() -> None:
 @example(FIRST_STAMP, "", contact(evaluations=2**32 - 1))
 @example(LAST_STAMP, "tibia_r", CONTACT)
 @given(stamps, texts, contacts_of(numbers))
-def test_an_answer_is_written_as_publish_and_rosbags_do(
-    stamp: int, frame_id: str, contact: Contact
-) -> None:
+def test_an_answer_is_written_as_publish_and_rosbags_do(stamp, frame_id, contact):
     data = encode_answer(stamp, frame_id, contact.tobytes())
     plain = contact_message(PLAIN, stamp, frame_id, contact)
     assert data == bytes(typestore().serialize_cdr(plain, "knee_contact_ros/msg/KneeContact"))
@@ -278,7 +271,7 @@ def test_an_answer_is_written_as_publish_and_rosbags_do(
 
 
 @pytest.mark.parametrize("stamp", [FIRST_STAMP - 1, LAST_STAMP + 1])
-def test_a_stamp_that_no_message_can_hold_is_refused(stamp: int) -> None:
+def test_a_stamp_that_no_message_can_hold_is_refused(stamp):
     for encode in (
         lambda: coding.JOINT_STATE.encode_message(JOINT_STATE._replace(stamp=stamp)),
         lambda: coding.WRENCH.encode_message(WRENCH._replace(stamp=stamp)),
@@ -291,9 +284,7 @@ def test_a_stamp_that_no_message_can_hold_is_refused(stamp: int) -> None:
 
 @pytest.mark.parametrize("order", ["little", "big"])
 @pytest.mark.parametrize("nanoseconds", [10**9, 10**9 + 1, 2**32 - 1])
-def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused(
-    order: Literal["little", "big"], nanoseconds: int
-) -> None:
+def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused(order, nanoseconds):
     """Senders that truncate an epoch in nanoseconds to 32 bits make such times; nobody knows what they mean."""
     coders: tuple[tuple[Any, Any], ...] = (
         (coding.JOINT_STATE, JointState(10**18, "", ("knee",), (0.1,), (), ())),
@@ -315,8 +306,8 @@ def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused(
             assert decode_all(coder, Column.of([good, bytes(data)])) is None
 
 
-def test_a_message_is_refused_by_its_size_before_it_is_decoded() -> None:
-    def message(numbers: int) -> bytes:
+def test_a_message_is_refused_by_its_size_before_it_is_decoded():
+    def message(numbers):
         state = JointState(10**18, "", ("knee",), (0.1,) * numbers, (), ())
         return coding.JOINT_STATE.encode_message(state)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -27,18 +27,18 @@ HELD, STALE, RESET, REJECTED = (
 class Stream:
     """A timeline with what it refuses; stamps in ms."""
 
-    def __init__(self, stamps: Iterable[float] = (), max_gap: float = 100) -> None:
+    def __init__(self, stamps=(), max_gap=100):
         self.refused = Refusals()
         self.time: Timeline[LoadSample] = Timeline(round(max_gap * MS), 100, self.refused, "angle")
         for stamp in stamps:
             self.take(stamp)
 
-    def take(self, stamp: float, other: Stream | None = None) -> list[float]:
+    def take(self, stamp, other=None):
         """What is believed with this stamp."""
         believed = self.time.push_sample(load(stamp), (other or SILENT).time)
         return [sample.stamp / MS for sample in believed]
 
-    def recheck(self, other: Stream, jumped: bool = False) -> list[float]:
+    def recheck(self, other, jumped=False):
         return [sample.stamp / MS for sample in self.time.recheck_held_back(other.time, jumped)]
 
 
@@ -118,9 +118,7 @@ BELIEVED: list[tuple[str, Sequence[int], Sequence[int], list[Any], dict[str, int
     [case[1:] for case in BELIEVED],
     ids=[case[0] for case in BELIEVED],
 )
-def test_accepted_samples(
-    before: Sequence[int], others: Sequence[int], script: list[Any], refused: dict[str, int]
-) -> None:
+def test_accepted_samples(before, others, script, refused):
     stream, other = Stream(before), Stream(others)
     for step in script:
         stamp, *believed = step if isinstance(step, list) else [step]
@@ -128,7 +126,7 @@ def test_accepted_samples(
     assert stream.refused == refused
 
 
-def test_a_jump_of_both_streams_is_accepted_and_one_wrong_stamp_is_not() -> None:
+def test_a_jump_of_both_streams_is_accepted_and_one_wrong_stamp_is_not():
     stream, other = Stream(TEN), Stream(TEN)
     assert (
         stream.take(590, other) == other.take(595, stream) == []
@@ -146,23 +144,21 @@ def test_a_jump_of_both_streams_is_accepted_and_one_wrong_stamp_is_not() -> None
         assert one.refused == BEHIND
 
 
-def angle(stamp: float, value: float | None = None) -> AngleSample:
+def angle(stamp, value=None):
     return AngleSample(round(stamp * MS), stamp if value is None else value)
 
 
-def load(stamp: float) -> LoadSample:
+def load(stamp):
     return LoadSample(round(stamp * MS), stamp, 0.0, "tibia")
 
 
-def sample_of(word: str) -> AngleSample | LoadSample:
+def sample_of(word):
     """`a10=7` is an angle of 7 at 10 ms, `a10` one of 10, `l10` a load."""
     stamp, _, value = word[1:].partition("=")
     return angle(float(stamp), float(value or stamp)) if word[0] == "a" else load(float(stamp))
 
 
-def feed(
-    synchroniser: Synchroniser, samples: Iterable[AngleSample | LoadSample] | str
-) -> list[PairedSample]:
+def feed(synchroniser, samples):
     """Push samples in this order, which may be given as words; `.` is the end of the streams."""
     pairs = []
     for one in samples.split() if isinstance(samples, str) else samples:
@@ -179,7 +175,7 @@ def feed(
 FLAGS = {HELD: "H", STALE: "S", RESET: "R", REJECTED: "J"}
 
 
-def told(pairs: Iterable[PairedSample]) -> str:
+def told(pairs):
     """Stamp of the load [ms], angle unless it is equal, and flags of each pair."""
     words = []
     for pair in pairs:
@@ -223,14 +219,14 @@ PAIRS = {
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_pairs_of_samples(name: str) -> None:
+def test_pairs_of_samples(name):
     samples, pairs, refused = PAIRS[name]
     synchroniser = Synchroniser(PairingSection(max_gap=0.1))
     assert told(feed(synchroniser, samples)) == pairs
     assert synchroniser.refused == refused
 
 
-def test_heights_and_leg_states_are_interpolated() -> None:
+def test_heights_and_leg_states_are_interpolated():
     ends = [
         angle(at, 1.0)._replace(height=h, others=others)
         for at, h, *others in ((10, 0.03, 1, 5), (20, 0.04, 2, -5))
@@ -241,7 +237,7 @@ def test_heights_and_leg_states_are_interpolated() -> None:
 
 
 @given(st.integers(0, 10**9))
-def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
+def test_the_order_of_arrival_does_not_matter(seed):
     angles, loads = [angle(i * 10) for i in range(8)], [load(i) for i in range(70)]
     expected = feed(Synchroniser(PairingSection()), [*angles, *loads])
     mixed, a, b, rng = (
@@ -259,7 +255,7 @@ def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
     assert recorded == angles[: len(recorded)]
 
 
-def test_a_waiting_force_expires_by_the_callers_clock() -> None:
+def test_a_waiting_force_expires_by_the_callers_clock():
     synchroniser = Synchroniser(PairingSection())
     assert (
         told([*feed(synchroniser, "a5=0.3 l6 l7"), *synchroniser.flush_expired()])
@@ -275,7 +271,7 @@ def test_a_waiting_force_expires_by_the_callers_clock() -> None:
     assert told(pairs[9:]) == "90=0.3 95=0.3H"
 
 
-def test_nothing_grows_while_the_other_stream_is_silent() -> None:
+def test_nothing_grows_while_the_other_stream_is_silent():
     """What waits for a force that does not come is given up, oldest first, and counted; so it is with an angle."""
     synchroniser = Synchroniser(PairingSection(queue=100))
     feed(synchroniser, [angle(i) for i in range(1000)])
@@ -288,7 +284,7 @@ def test_nothing_grows_while_the_other_stream_is_silent() -> None:
     assert len(synchroniser.waiting_loads) == 100
 
 
-def test_clearing_drops_old_samples_and_loses_no_force() -> None:
+def test_clearing_drops_old_samples_and_loses_no_force():
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a9000 l9000 a9010 l9005")
     synchroniser.clear_streams()
@@ -305,7 +301,7 @@ def test_clearing_drops_old_samples_and_loses_no_force() -> None:
 
 
 @pytest.mark.parametrize("ahead", [3_600_000, 500])
-def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
+def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead):
     """One clock is wrong: the answer goes with the newest angle, as if it had been set so later."""
     pairs = feed(
         Synchroniser(PairingSection()),
@@ -316,7 +312,7 @@ def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
 
 
 @pytest.mark.parametrize("apart", [-500, -200, 200, 500])
-def test_a_constant_offset_of_clocks_is_flagged(apart: int) -> None:
+def test_a_constant_offset_of_clocks_is_flagged(apart):
     """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
     synchroniser, stale = Synchroniser(PairingSection(wait=2.0)), []
     for time in range(0, 8000, 10):
@@ -327,7 +323,7 @@ def test_a_constant_offset_of_clocks_is_flagged(apart: int) -> None:
     assert all(flag for time, flag in stale if 4000 <= time < 6000)
 
 
-def test_bursts_are_no_clock_offset() -> None:
+def test_bursts_are_no_clock_offset():
     synchroniser, bursts = (
         Synchroniser(PairingSection(wait=2.0)),
         [range(begin, begin + 300, 10) for begin in range(0, 6000, 300)],
@@ -338,7 +334,7 @@ def test_bursts_are_no_clock_offset() -> None:
     assert [pair.status for pair in pairs] == [0] * 600
 
 
-def test_a_constant_latency_is_reported() -> None:
+def test_a_constant_latency_is_reported():
     synchroniser = Synchroniser(PairingSection(angle_delay=0.02))
     for time in range(0, 1000, 10):
         synchroniser.push_load(load(time))
@@ -350,9 +346,7 @@ SENT = 4.0
 """Duration [s] of the runs below"""
 
 
-def sent(
-    rate: int, back: float, of: str, disorder: Callable[[list[int]], list[int]] = list
-) -> tuple[Synchroniser, list[PairedSample]]:
+def sent(rate, back, of, disorder=list):
     """Pairs of two streams [Hz]; a clock is set back by a time [s] in the middle, and the angle is the true time."""
     paired, pairs = Synchroniser(PairingSection(max_gap=0.1)), list[PairedSample]()
     for number in disorder(list(range(int(SENT * rate)))):
@@ -365,7 +359,7 @@ def sent(
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_a_clock_that_is_set_back_a_little_for_good_is_told_and_flagged(seed: int) -> None:
+def test_a_clock_that_is_set_back_a_little_for_good_is_told_and_flagged(seed):
     """By less than `max_gap`, so that the stream goes on after some refused samples."""
     draw = random.Random(seed)
     rate = draw.choice((100, 200, 500))
@@ -387,10 +381,10 @@ def test_a_clock_that_is_set_back_a_little_for_good_is_told_and_flagged(seed: in
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_both_clocks_set_back_and_packets_out_of_order_are_no_such_clock(seed: int) -> None:
+def test_both_clocks_set_back_and_packets_out_of_order_are_no_such_clock(seed):
     draw = random.Random(seed)
 
-    def disorder(numbers: list[int]) -> list[int]:
+    def disorder(numbers):
         for _ in range(10):
             at, size = draw.randrange(len(numbers) - 20), draw.randint(1, 6)
             moved = numbers[at : at + size]
@@ -404,7 +398,7 @@ def test_both_clocks_set_back_and_packets_out_of_order_are_no_such_clock(seed: i
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed: int) -> None:
+def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed):
     """What a full queue has dropped shows in the stamps only; a pause beyond `max_gap` is flagged."""
     draw, paired = random.Random(seed), Synchroniser(PairingSection(max_gap=0.1))
     lost = {number for number in draw.sample(range(100, 2000), 40) if number % 3}

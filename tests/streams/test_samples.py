@@ -1,7 +1,5 @@
 """Messages to samples of a knee and of a leg: names, signs, actuators, levers and axes, and what is refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
@@ -32,29 +30,29 @@ WRENCH = WrenchStamped(STAMP, "plate", (10.0, 700.0, -20.0), (3.0, 4.0, 50.0))
 POSE = {"knee": 0.1, "hip": 0.1, "ankle": 0.1}
 
 
-def state(*efforts: float, **positions: float) -> JointState:
+def state(*efforts, **positions):
     return JointState(STAMP, "", tuple(positions), tuple(positions.values()), (), efforts)
 
 
-def force(y: float, **parts: Any) -> WrenchStamped:
+def force(y, **parts):
     return WrenchStamped(STAMP, "tibia_r", (1.0, y, 2.0), (0.0, 0.0, 0.0))._replace(**parts)
 
 
-def leg(values: dict[str, Any], message: JointState) -> Joints:
+def leg(values, message):
     """The leg's joints as a message tells them."""
     sample = leg_sample(message, load_parameters(values, LoadParameters), b"", 0)
     return joints_of(sample.angle, sample.others)
 
 
-def knee(message: JointState) -> Any:
+def knee(message):
     return angle_sample(message, KneeSection())
 
 
-def height(message: JointState) -> Any:
+def height(message):
     return angle_sample(message, KneeSection(), height_prescribed=True)
 
 
-def assisted(message: JointState) -> Any:
+def assisted(message):
     return leg(ASSISTED, message)
 
 
@@ -62,21 +60,21 @@ SPACING = Parameters().load.compartment_spacing
 """[m]"""
 
 
-def by_moment(message: WrenchStamped) -> Any:
+def by_moment(message):
     return load_sample(
         message, load_rule(load_parameters({"load.compartment": "moment_balance"}), {})
     )
 
 
-def vertical(message: WrenchStamped) -> Any:
+def vertical(message):
     return ground_sample(message, GroundForce(), b"", 0.0)
 
 
-def whole(message: WrenchStamped) -> Any:
+def whole(message):
     return ground_sample(message, FULL, b"", 0.0)
 
 
-def test_joints_are_found_by_their_names_and_signs_make_their_angles() -> None:
+def test_joints_are_found_by_their_names_and_signs_make_their_angles():
     sample = knee(state(hip=1.0, knee=0.25, ankle=2.0))
     assert (sample.stamp, sample.angle) == (STAMP, 0.25)
     assert (
@@ -96,14 +94,14 @@ def test_joints_are_found_by_their_names_and_signs_make_their_angles() -> None:
     assert leg(values, state(knee=-0.25, hip=-0.5, ankle=1.0)) == Joints(0.75, 0.25, 0.5)
 
 
-def test_joints_without_a_name_are_not_measured() -> None:
+def test_joints_without_a_name_are_not_measured():
     found = leg({}, state(knee=0.25, hip=math.inf, ankle=0.1))
     assert (found.flexion, found.knee_assistance, found.ankle_assistance) == (0.25, 0.0, 0.0)
     assert math.isnan(found.hip)
     assert math.isnan(found.ankle)
 
 
-def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
+def test_with_the_displacement_drive_a_second_joint_gives_the_height():
     named = KneeSection(height_joint_name="knee_ty")
     assert (
         angle_sample(state(knee=0.2, knee_ty=0.034), named, height_prescribed=True).height == 0.034
@@ -111,7 +109,7 @@ def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
     assert angle_sample(state(knee=0.2, knee_ty=0.034), named).height is None
 
 
-def test_compression_is_a_positive_load() -> None:
+def test_compression_is_a_positive_load():
     assert [load_sample(force(y)).axial for y in (-1000.0, 80.0)] == [1000.0, -80.0]
     beside = force(-700.0, torque=(math.nan, math.nan, -math.inf))._replace(
         force=(math.inf, -700.0, math.nan)
@@ -121,7 +119,7 @@ def test_compression_is_a_positive_load() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_efforts_assist_extension_and_plantarflexion(sign: float) -> None:
+def test_efforts_assist_extension_and_plantarflexion(sign):
     """In the sense of the positions: what flexes the knee, or lifts the foot, helps the other muscles."""
     values = ASSISTED | {"knee.sign": sign, "ankle.sign": sign}
     found = leg(values, state(1.0, sign * -12.0, sign * -7.0, hip=0.0, knee=0.0, ankle=0.0))
@@ -212,15 +210,13 @@ REFUSED: list[tuple[Callable[[Any], Any], Any, str, str]] = [
 
 
 @pytest.mark.parametrize(("take", "message", "reason", "words"), REFUSED)
-def test_what_cannot_be_used_is_refused(
-    take: Callable[[Any], Any], message: Any, reason: str, words: str
-) -> None:
+def test_what_cannot_be_used_is_refused(take, message, reason, words):
     with pytest.raises(RefusedSampleError, match=words) as caught:
         take(message)
     assert caught.value.reason == reason
 
 
-def test_an_angle_delay_moves_the_stamp_and_not_the_recording() -> None:
+def test_an_angle_delay_moves_the_stamp_and_not_the_recording():
     sample = angle_sample(
         state(knee=0.25)._replace(stamp=20_000_000), KneeSection(), delay=25_000_000
     )
@@ -237,7 +233,7 @@ def test_an_angle_delay_moves_the_stamp_and_not_the_recording() -> None:
     )
 
 
-def test_of_an_insole_the_vertical_force_counts_alone() -> None:
+def test_of_an_insole_the_vertical_force_counts_alone():
     wrench = WRENCH._replace(force=(math.nan, 700.0, math.inf), torque=(math.nan,) * 3)
     sample = ground_sample(wrench, GroundForce(), b"as it came", 3.5)
     assert (sample.stamp, sample.frame_id, sample.data, sample.arrived) == (
@@ -278,8 +274,6 @@ def test_of_an_insole_the_vertical_force_counts_alone() -> None:
         ),  # not known: upright
     ],
 )
-def test_lever_and_axes_of_the_sensor(
-    update: dict[str, Any], at: Joints, inclination: float, expected: list[float]
-) -> None:
+def test_lever_and_axes_of_the_sensor(update, at, inclination, expected):
     found, torque = ground_of(WRENCH, FULL.model_copy(update=update), at, inclination)
     assert [*found, *torque] == pytest.approx(expected, abs=1e-12)  # rounding of a few hundred N m

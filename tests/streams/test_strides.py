@@ -1,9 +1,6 @@
 """Strides, and the way that the femur slides in them."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,14 +31,12 @@ SECOND = 1_000_000_000
         ((1.0,), (1.7,), []),
     ],
 )
-def test_a_stride_has_one_toe_off_and_a_plausible_duration(
-    strikes: Any, toe_offs: Any, found: Any
-) -> None:
+def test_a_stride_has_one_toe_off_and_a_plausible_duration(strikes, toe_offs, found):
     stamps = [[round(SECOND * time) for time in times] for times in (strikes, toe_offs)]
     assert [(span.start / SECOND, span.end / SECOND) for span in spans(*stamps)] == found
 
 
-def test_the_distance_is_the_integral_of_the_speed() -> None:
+def test_the_distance_is_the_integral_of_the_speed():
     time = np.arange(0.0, 2.0, 1e-3)
     velocity, touching = 0.1 * np.cos(math.pi * time), np.ones(len(time))
     # Straight lines between ticks: h^2/12 (b - a) max|v''| = 1e-6 / 12 x 2 x 0.1 pi^2 = 2e-7
@@ -59,7 +54,7 @@ def test_the_distance_is_the_integral_of_the_speed() -> None:
 
 
 @pytest.mark.parametrize("stance", [0.03, 0.041, 0.6])
-def test_the_loading_rate_is_the_steepest_rise_over_20_ms(stance: float) -> None:
+def test_the_loading_rate_is_the_steepest_rise_over_20_ms(stance):
     rng = np.random.default_rng(1)
     for _ in range(20):
         time = np.linspace(0.0, stance, 100)
@@ -74,7 +69,7 @@ def test_the_loading_rate_is_the_steepest_rise_over_20_ms(stance: float) -> None
         assert steepest - 1e-6 <= found <= steepest + slope * (begins[1] - begins[0]) / 0.02
 
 
-def test_the_sliding_of_a_walking_knee() -> None:
+def test_the_sliding_of_a_walking_knee():
     """A circle on a fixed axis slides by its radius times all turns, to and fro; where it is apart, not at all."""
     stamps, angle, load = walking(200.0, 8.0)
     series = model(law("kelvin_voigt"), level="quasi_static").run(
@@ -100,7 +95,7 @@ def test_the_sliding_of_a_walking_knee() -> None:
     assert [each.sliding_distance for each in strides_of(series, BODY_WEIGHT)] == [0.0] * 6
 
 
-def test_a_stride_is_usable_only_if_the_answers_on_either_side_of_its_ends_are() -> None:
+def test_a_stride_is_usable_only_if_the_answers_on_either_side_of_its_ends_are():
     stamps, angle, load = walking(200.0, 6.0)
     series = model(law("kelvin_voigt"), level="quasi_static").run(
         (stamps - stamps[0]) / SECOND, angle, load
@@ -115,7 +110,7 @@ def test_a_stride_is_usable_only_if_the_answers_on_either_side_of_its_ends_are()
             assert strides_of(flagged, BODY_WEIGHT)[stride].usable is usable
 
 
-def test_a_run_that_ends_at_a_heel_strike_has_usable_strides() -> None:
+def test_a_run_that_ends_at_a_heel_strike_has_usable_strides():
     stamps, angle, load = walking(200.0, 3.8)
     series = model(law("kelvin_voigt"), level="quasi_static").run(
         (stamps - stamps[0]) / SECOND, angle, load
@@ -127,7 +122,7 @@ def test_a_run_that_ends_at_a_heel_strike_has_usable_strides() -> None:
 
 
 @pytest.mark.parametrize("size", [1, 37, 10_000])
-def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size: int) -> None:
+def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size):
     stamps, angle, load = walking(200.0, 8.0)
     series = model(law("kelvin_voigt"), level="quasi_static").run(
         (stamps - stamps[0]) / SECOND, angle, load

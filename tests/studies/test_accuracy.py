@@ -1,12 +1,10 @@
 """The scenes of the accuracy study, against SciPy with its own laws and surfaces: in tolerance, or said aloud."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from knee_contact_ros.model.types import Status
-from studies.accuracy import Study, ours, studies, theirs
+from studies.accuracy import ours, studies, theirs
 
 NAMES = (
     "gait, right, circle carried forwards in a concave circle",
@@ -21,7 +19,7 @@ STUDIES = {study.name: study for study in studies() if study.name in NAMES}
 
 
 @pytest.mark.parametrize("study", STUDIES.values(), ids=STUDIES)
-def test_the_reference_is_met_to_the_tolerance_or_the_miss_is_said(study: Study) -> None:
+def test_the_reference_is_met_to_the_tolerance_or_the_miss_is_said(study):
     exact = theirs(study)
     for tolerance in (1e-6, 1e-8):
         series = ours(study, tolerance)

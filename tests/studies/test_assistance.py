@@ -1,7 +1,5 @@
 """The study of assistance: what a torque takes off the load, where the companion gives way, and the page."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
@@ -9,16 +7,16 @@ pytest.importorskip("rclpy", reason="the companion's law is in its node")
 
 import knee_contact_ros
 from studies.assistance.__main__ import TABLE, TORQUES, cells
-from studies.assistance.walks import LAWS, Sample, person, sensors, walk
+from studies.assistance.walks import LAWS, person, sensors, walk
 from tests import ROOT
 
 
 @pytest.fixture(scope="module")
-def samples() -> list[Sample]:
+def samples():
     return sensors()
 
 
-def test_the_page_has_these_numbers(samples: list[Sample]) -> None:
+def test_the_page_has_these_numbers(samples):
     page, model = (
         (ROOT / "docs" / "studies" / "assistance.md").read_text(encoding="utf-8"),
         knee_contact_ros.load_model("healthy"),

@@ -1,7 +1,5 @@
 """The study of calibration: made by the reference, found by the model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from studies.calibration import case_of, fit, made, truth
 
 
 @pytest.mark.parametrize("name", ["gait, depth", "lift-off and landing, depth and gap"])
-def test_a_case_is_what_the_reference_says_and_is_found_again(name: str) -> None:
+def test_a_case_is_what_the_reference_says_and_is_found_again(name):
     case = case_of(name)
     exact, table = truth(name), made(name, case, np.random.default_rng(1))
     measured = np.isfinite(table["penetration_depth"])

@@ -1,7 +1,5 @@
 """What judges live changes and measured condyles: the reference goes on, and the noisy curve is as brute force says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -28,7 +26,7 @@ TWO_LAYERS = {"layer_depth": 3e-4, "stiffness_2": 7.9e7, "damp_first_layer": Tru
 """Second layer that begins under the load of the scene below"""
 
 
-def test_a_change_to_the_same_knee_is_none() -> None:
+def test_a_change_to_the_same_knee_is_none():
     scene = plan(SEED)[0].scene
     whole = solve_ellipse(knee_of(scene), scene.time, scene.angle, scene.load)
     going = ChangedReference(knee_of(scene))
@@ -38,7 +36,7 @@ def test_a_change_to_the_same_knee_is_none() -> None:
         assert part.depth.tobytes() == whole.depth[place(now)].tobytes()
 
 
-def test_a_contact_comes_to_rest_where_the_new_law_carries_the_load() -> None:
+def test_a_contact_comes_to_rest_where_the_new_law_carries_the_load():
     """At rest under 1 kN: K δⁿ in one layer, then in two, of which the second one begins above that depth, and back."""
     time, still, load = np.arange(3 * TICKS) * 0.05, np.full(TICKS, 0.3), np.full(TICKS, 1000.0)
     spring = {"stiffness": 7.9e7, "exponent": 1.5, "damping": 5000.0}
@@ -58,20 +56,20 @@ def test_a_contact_comes_to_rest_where_the_new_law_carries_the_load() -> None:
         assert found.depth[-1] == pytest.approx(expected, rel=1e-12)
 
 
-def test_plans_come_again_and_have_all_changes() -> None:
+def test_plans_come_again_and_have_all_changes():
     again = [[one._replace(scene=one.scene.content()) for one in plan(seed)] for seed in (1, 1)]
     assert again[0] == again[1]
     assert {one.what for seed in range(20) for one in plan(seed)} == {"", *WHAT}
     assert all(np.isfinite(part.depth).any() for part in truth_of(plan(SEED)))
 
 
-def test_the_model_is_right_or_says_so_through_a_plan() -> None:
+def test_the_model_is_right_or_says_so_through_a_plan():
     found = list(rows(SEED))
     assert len(found) == 2 * SEGMENTS
     assert not any(one.wrong or one.not_finite for one in found)
 
 
-def test_the_lowest_point_and_its_leaps_are_those_of_a_dense_row() -> None:
+def test_the_lowest_point_and_its_leaps_are_those_of_a_dense_row():
     scene = draw(3)
     femur = condyle(scene.points)
     assert scene.dents > 0.0
@@ -92,7 +90,7 @@ def test_the_lowest_point_and_its_leaps_are_those_of_a_dense_row() -> None:
         assert abs(at - place[row.argmin()]) < 1e-5
 
 
-def test_both_references_agree_on_a_circle() -> None:
+def test_both_references_agree_on_a_circle():
     turn = np.linspace(-2.8, -0.3, 400)
     femur = condyle(0.034 * np.stack([np.cos(turn), np.sin(turn)]))
     scene = draw(7)

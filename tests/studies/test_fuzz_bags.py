@@ -1,11 +1,6 @@
 """Some of the damaged bags of `studies.fuzz_bags`; all of them are in `docs/studies/fuzz_bags.md`."""
 
-from __future__ import annotations
-
 from collections import Counter
-from pathlib import Path
-
-import pytest
 
 from studies.fuzz_bags.bags import make
 from studies.fuzz_bags.judge import BAD, SAID, SILENT, answers_to, expected, solved, try_case
@@ -14,7 +9,7 @@ CASES = 42
 """A multiple of the kinds of bags"""
 
 
-def test_no_damaged_bag_gives_a_traceback_or_a_wrong_answer_without_a_word(tmp_path: Path) -> None:
+def test_no_damaged_bag_gives_a_traceback_or_a_wrong_answer_without_a_word(tmp_path):
     (tmp_path / "whole").mkdir()
     bags = make(tmp_path / "whole")
     verdicts = [
@@ -29,7 +24,7 @@ def test_no_damaged_bag_gives_a_traceback_or_a_wrong_answer_without_a_word(tmp_p
     assert sum(verdict.foreign for verdict in protected) == 0
 
 
-def test_a_wrong_answer_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_answer_is_noticed(tmp_path, monkeypatch):
     (tmp_path / "whole").mkdir()
     bags = make(tmp_path / "whole")
     others = answers_to([])

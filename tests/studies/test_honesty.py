@@ -1,7 +1,5 @@
 """The studies that judge the error estimates: what they count, and that scenes come again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ TOLERANCE = 1e-6
 EXACT, UNKNOWN = 1e-18, np.nan
 
 
-def series(depth: list[float], estimate: list[float], flagged: list[bool]) -> np.recarray:
+def series(depth, estimate, flagged):
     rows = np.zeros(len(depth), dtype=ROW).view(np.recarray)
     rows.penetration_depth = np.maximum(depth, 0.0)
     rows.gap = np.maximum(-np.array(depth), 0.0)
@@ -27,12 +25,12 @@ def series(depth: list[float], estimate: list[float], flagged: list[bool]) -> np
     return rows
 
 
-def truth(depth: list[float], bound: list[float]) -> Solution:
+def truth(depth, bound):
     column = np.array(depth)
     return Solution(column, column, 0.0 * column, column, np.array(bound), np.array(bound))
 
 
-def test_scenes_come_again_and_are_of_all_kinds() -> None:
+def test_scenes_come_again_and_are_of_all_kinds():
     drawn = [draw(seed) for seed in range(120)]
     for scene, again in zip(drawn, map(draw, range(120)), strict=True):
         assert scene.content() == again.content()
@@ -43,7 +41,7 @@ def test_scenes_come_again_and_are_of_all_kinds() -> None:
     assert len({scene.content() for scene in drawn}) == 120
 
 
-def test_what_counts_as_wrong() -> None:
+def test_what_counts_as_wrong():
     """Right; covered though beyond the tolerance; not covered; not finite; the same where the reference is unknown."""
     exact = [1e-3, 1e-3, 1e-3, -1e-3, 1e-3, 1e-3, 1e-3]
     ours = [1e-3 + 1e-7, 1e-3 + 2e-6, 1e-3 + 2e-6, -1e-3 + 3e-6, np.nan, 1e-3 + 1e-7, 1e-3 + 1.0]
@@ -63,14 +61,14 @@ def test_what_counts_as_wrong() -> None:
     ("study", "runs"),
     [("scenes", 2 * len(SETTINGS)), ("cut", len(PARTS) - 1), ("tight", 2 * len(TIGHT))],
 )
-def test_a_number_is_judged(study: str, runs: int) -> None:
+def test_a_number_is_judged(study, runs):
     rows = list(STUDIES[study][0](1_000_000))
     assert len(rows) == runs
     assert sum(one.known for one in rows) > 0
     assert not any(one.wrong or one.not_finite for one in rows)
 
 
-def test_a_reference_that_is_no_better_than_the_model_judges_nothing() -> None:
+def test_a_reference_that_is_no_better_than_the_model_judges_nothing():
     judged = judge(series([1e-3 + 2e-6], [1e-9], [False]), truth([1e-3], [1e-7]), TOLERANCE)
     assert not judged.depth.known.any()
     assert not judged.depth.wrong.any()

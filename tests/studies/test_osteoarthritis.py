@@ -1,7 +1,5 @@
 """A small version of the study of arthritic knees, and what it says."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np
@@ -19,7 +17,6 @@ from studies.osteoarthritis import (
     SHARE,
     SHIPPED,
     STUDY,
-    Knees,
     compute,
     limit,
     sections,
@@ -32,14 +29,14 @@ IMPULSE, DASHPOT = 1e-3, 1e-3
 
 
 @pytest.fixture(scope="module")
-def knees() -> Knees:
+def knees():
     layers, seconds = np.array([SHIPPED.layer_depth, 3e-3]), np.array([FIRST, SHIPPED.stiffness_2])
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(osteoarthritis.TOLERANCE, "fidelity.tolerance", 1e-6)
         return compute((np.array([0.5]), layers, seconds))
 
 
-def test_under_the_load_the_force_is_the_loads(knees: Knees) -> None:
+def test_under_the_load_the_force_is_the_loads(knees):
     assert knees.forced.impulse == pytest.approx(knees.healthy.impulse[0], rel=IMPULSE)
     assert np.abs(knees.ratio(knees.forced) - 1.0).max() < 4e-3  # of 5000 knees at most 3e-3
     assert (
@@ -52,7 +49,7 @@ def test_under_the_load_the_force_is_the_loads(knees: Knees) -> None:
     ) == pytest.approx(0.209, abs=1e-3)
 
 
-def test_on_the_healthy_path_bone_presses_more_and_what_is_soft_less(knees: Knees) -> None:
+def test_on_the_healthy_path_bone_presses_more_and_what_is_soft_less(knees):
     led = knees.ratio(knees.led)
     assert led[SHIPPED_CELL] == pytest.approx(
         8.02, abs=0.01
@@ -65,7 +62,7 @@ def test_on_the_healthy_path_bone_presses_more_and_what_is_soft_less(knees: Knee
     assert "force is 8.0 times the healthy one" in " ".join(sections(knees)[1].text.split())
 
 
-def test_the_table_is_of_the_study_file() -> None:
+def test_the_table_is_of_the_study_file():
     grid = read_study(STUDY, Study).grid
     layers, seconds = len(grid[LAYER]), len(grid[SECOND])
     assert 2 * len(grid[SHARE]) * layers * seconds == 10_000

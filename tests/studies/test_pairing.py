@@ -1,13 +1,11 @@
 """Random disturbances of the stamps, against a plain account of what every good sample must get (`studies/pairing`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from knee_contact_ros.streams.pairing import Pairs, Synchroniser
+from knee_contact_ros.streams.pairing import Synchroniser
 from knee_contact_ros.streams.timeline import Timeline
 from studies.pairing.judging import judged
 
@@ -15,17 +13,17 @@ WORLDS = range(10_112, 10_136)
 """Seeds: 288 disturbances"""
 
 
-def breaches(seeds: range) -> list[tuple[int, str, str]]:
+def breaches(seeds):
     """What goes wrong in these worlds."""
     found = [judged(seed) for seed in seeds]
     return [(seed, breach.what, breach.kind) for seed, world in found for breach in world.breaches]
 
 
-def test_every_good_sample_gets_what_it_must() -> None:
+def test_every_good_sample_gets_what_it_must():
     assert breaches(WORLDS) == []
 
 
-def accept_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
+def accept_all(self, sample, _other):
     """One stamp ahead, and all that come after it are late; one behind, and the stream begins anew."""
     if self.last is not None and 0 <= self.last - sample.stamp <= self._max_gap:
         self._refused.count_refused("angle_not_in_order")
@@ -34,7 +32,7 @@ def accept_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
     return [sample]
 
 
-def accept_no_jump(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
+def accept_no_jump(self, sample, _other):
     """A clock that is set is not accepted any more."""
     if self.last is not None and not 0 < sample.stamp - self.last <= 5 * self._max_gap:
         self._refused.count_refused("angle_off_time")
@@ -43,12 +41,12 @@ def accept_no_jump(self: Timeline[Any], sample: Any, _other: object) -> list[Any
     return [sample]
 
 
-def flush_all(self: Synchroniser, _arrived_by: float = 0.0) -> Pairs:
+def flush_all(self, _arrived_by=0.0):
     """Also loads that have only just come."""
     return self._make_pairs(len(self.waiting_loads), hold=True)
 
 
-def keep_old_angles(self: Synchroniser, samples: list[Any]) -> Pairs:
+def keep_old_angles(self, samples):
     """Where angles have jumped back, those of before stay in the way."""
     self.angles.extend(samples)
     self.unpaired_angles.extend(samples)
@@ -71,7 +69,7 @@ FAULTS: dict[str, tuple[type, str, Callable[..., Any]]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_put_back_is_found(monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
+def test_each_fault_put_back_is_found(monkeypatch, fault):
     owner, name, wrong = FAULTS[fault]
     monkeypatch.setattr(owner, name, wrong)
     assert any(breaches(range(seed, seed + 4)) for seed in WORLDS[::4])

@@ -1,7 +1,5 @@
 """The reference that judges the model, against closed forms and against SciPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -21,12 +19,12 @@ ROUNDING = 1e-15
 """[m], [m/s]: closed forms are computed in double precision, and heights are a few centimetres"""
 
 
-def test_the_table_of_coefficients_is_what_the_generator_makes() -> None:
+def test_the_table_of_coefficients_is_what_the_generator_makes():
     assert (SOURCE / "radau_table.h").read_text(encoding="utf-8") == header() + "\n"
 
 
 @pytest.mark.parametrize("damping", [0.0, 40.0, 4e3, 4e7])
-def test_linear_oscillator_under_a_ramp(damping: float) -> None:
+def test_linear_oscillator_under_a_ramp(damping):
     """M δ̈ + C δ̇ + K δ = L + r t from rest at L/K: δ = (L + r t)/K - r C/K² + a free oscillation."""
     stiffness, mass, load, ramp = 1e6, 2.0, 500.0, 2e4
     law = LAWS["kelvin_voigt"](stiffness=stiffness, exponent=1.0, damping=damping)
@@ -45,7 +43,7 @@ def test_linear_oscillator_under_a_ramp(damping: float) -> None:
     assert solution.depth == pytest.approx(exact, abs=1e-13 * lag + ROUNDING)
 
 
-def test_a_clamped_contact_that_is_let_go_flies_from_where_its_force_ends() -> None:
+def test_a_clamped_contact_that_is_let_go_flies_from_where_its_force_ends():
     """A linear contact that creeps after its load, much quicker than a tick: at K δ + C δ̇ = 0, δ̇ = r/K, it lets go."""
     stiffness, damping, mass, load, ramp = 2.4e8, 4884.0, 0.0527, 16.0, -8276.0
     law = LAWS["kelvin_voigt"](stiffness=stiffness, exponent=1.0, damping=damping)
@@ -79,7 +77,7 @@ SCENES = {
     ("name", "series"),
     [("gait", "gait"), ("layers", "gait"), *((name, "lift-off") for name in SCENES)],
 )
-def test_scipy_agrees(name: str, series: str) -> None:
+def test_scipy_agrees(name, series):
     law, layers = SCENES[name]
     time, angle, load = gait("right") if series == "gait" else lift_off()
     surface = by_scipy.ByHeight(by_scipy.ellipse_on_slope(0.034, 0.028, 0.12, 0.0))
@@ -91,7 +89,7 @@ def test_scipy_agrees(name: str, series: str) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_series_and_implicit_steps_agree(name: str) -> None:
+def test_series_and_implicit_steps_agree(name):
     law, _ = SCENES[name]
     knee = Knee(law, MASS, (0.034, 0.028), 0.12)
     other = Reference(knee, fine=Accuracy(1e-17, 1e-10, 26, 1e7, implicit=1))
@@ -101,7 +99,7 @@ def test_series_and_implicit_steps_agree(name: str) -> None:
     assert two.force == pytest.approx(one.force, abs=1e-6)
 
 
-def test_chunks_are_the_whole() -> None:
+def test_chunks_are_the_whole():
     law, _ = SCENES["layers"]
     time, angle, load = lift_off()
     whole, run = solve(Knee(law, MASS), time, angle, load), Reference(Knee(law, MASS))
@@ -112,7 +110,7 @@ def test_chunks_are_the_whole() -> None:
     assert np.concatenate([part.depth for part in parts]).tobytes() == whole.depth.tobytes()
 
 
-def test_what_is_given_up_is_unknown() -> None:
+def test_what_is_given_up_is_unknown():
     law, _ = SCENES["gait"]
     solution = Reference(Knee(law, MASS), fine=Accuracy(1e-18, 1e-11, 26, 10.0)).take(*lift_off())
     first = int(np.argmax(np.isnan(solution.depth)))

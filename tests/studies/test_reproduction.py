@@ -1,9 +1,5 @@
 """docs/studies/reproduction.md says what the code gives, and its key numbers are those that must come out."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from tests import ROOT
@@ -25,7 +21,7 @@ def test_page_and_tables_are_up_to_date(tmp_path):
     assert made == kept, "run python -m studies.reproduction"
 
 
-def _but_machine(page: Path) -> list[list[str]]:
+def _but_machine(page):
     """Words of the lines; how wide a column is set depends on a library that may measure letters."""
     lines = page.read_text(encoding="utf-8").splitlines()
     return [line.replace("-", " ").split() for line in lines if not line.startswith("Made by")]

@@ -1,7 +1,5 @@
 """The fits behind the shipped share find a known share again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,7 +24,7 @@ SPACING = 0.08
 """Spacing [m] of the compartments whose moments balance the shares"""
 
 
-def trial_of(table: ShareTable, seed: int, number: int = 4000) -> Trial:
+def trial_of(table, seed, number=4000):
     """A trial with a table's shares at random angles and loads."""
     random = np.random.default_rng(seed)
     flexion = np.radians(random.uniform(-10.0, 70.0, number))
@@ -35,7 +33,7 @@ def trial_of(table: ShareTable, seed: int, number: int = 4000) -> Trial:
     return Trial(flexion, load, medial, SPACING * (0.5 * load - medial))
 
 
-def test_a_table_its_file_and_the_spacing_are_found_again() -> None:
+def test_a_table_its_file_and_the_spacing_are_found_again():
     trials = [trial_of(TRUE, 1), trial_of(TRUE, 2)]
     found = fit_table(trials, smoothing=1e-12)
     read = read_share_table("share.csv", share_csv(found, ["Source: made up"]))
@@ -48,7 +46,7 @@ def test_a_table_its_file_and_the_spacing_are_found_again() -> None:
     assert np.isnan(spacing([trials[0]._replace(moment=np.full(4000, np.nan))]))
 
 
-def test_shares_stay_within_0_and_1_and_neighbours_fill_in_where_nothing_was_measured() -> None:
+def test_shares_stay_within_0_and_1_and_neighbours_fill_in_where_nothing_was_measured():
     trial = trial_of(TRUE, 4)
     medial = np.where(trial.flexion > 0.5, -0.05, 1.05) * trial.load
     share = fit_table([trial._replace(medial=medial)], 1e-3).share
@@ -58,7 +56,7 @@ def test_shares_stay_within_0_and_1_and_neighbours_fill_in_where_nothing_was_mea
     assert share[-1, -1] == pytest.approx(0.5 * (share[-2, -1] + share[-1, -2]), abs=1e-6)
 
 
-def test_a_curve_and_a_constant_are_found_again() -> None:
+def test_a_curve_and_a_constant_are_found_again():
     curve = Curve(0.7, 0.8)
     # The written curve is a table with steps of 0.1 body weights.
     assert fit_curve([trial_of(curve.table, 1, 500)]) == pytest.approx(curve, rel=0.01)

@@ -1,9 +1,5 @@
 """A small version of the study of uncertainty: samples of all inputs agree with the linear propagation."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
@@ -14,7 +10,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from studies.uncertainty import SMALL, sampled
 
 
-def test_small_deviations_are_linear(right_bag: Path) -> None:
+def test_small_deviations_are_linear(right_bag):
     with Bag(right_bag) as bag:
         gait = read_uncertain_gait(bag, load_parameters("healthy"), SMALL, compiled=True)
     linear = gait.propagate()

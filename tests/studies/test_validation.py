@@ -1,8 +1,5 @@
 """The page of validation says what the code gives, where the measurements are; the rules of its study by hand."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from statistics import fmean
 
 import numpy as np
@@ -18,7 +15,7 @@ from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS
 from knee_contact_ros.parameters.load_schema import PersonSection
 from studies.validation.__main__ import main
-from studies.validation.data import Walk, missed, near, runs, walks, with_medial
+from studies.validation.data import missed, near, runs, walks, with_medial
 from studies.validation.movements import CYCLES, scores
 from studies.validation.sections import COMMAND, TITLE, chosen, line_errors, sections
 from studies.validation.split import CALLED, other_person, shipped
@@ -29,7 +26,6 @@ from studies.validation.total import (
     FREE,
     OTHERS,
     SENSORS,
-    Estimate,
     clocks,
     errors_of,
     estimates,
@@ -47,7 +43,7 @@ PERSONS = {"JW GC1", "JW GC4", "PS GC5", "DM GC2"}
 
 
 @pytest.fixture(scope="module")
-def measured(reference_data: Path) -> list[Walk]:
+def measured(reference_data):
     found = walks(reference_data)
     if {walk.key for walk in found} != PERSONS:
         pytest.skip("the measurements of the instrumented knees are not on this machine")
@@ -55,11 +51,11 @@ def measured(reference_data: Path) -> list[Walk]:
 
 
 @pytest.fixture(scope="module")
-def found(measured: list[Walk]) -> list[Estimate]:
+def found(measured):
     return estimates(measured)
 
 
-def test_without_the_measurements_nothing_is_made(tmp_path: Path) -> None:
+def test_without_the_measurements_nothing_is_made(tmp_path):
     for arguments in ([], ["--data", str(tmp_path)]):
         result = CliRunner(env={"INSTRUMENTED_KNEE": ""}).invoke(
             main, [*arguments, "--folder", str(tmp_path)]
@@ -69,9 +65,7 @@ def test_without_the_measurements_nothing_is_made(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_the_page_is_what_the_code_gives(
-    measured: list[Walk], found: list[Estimate], tmp_path: Path
-) -> None:
+def test_the_page_is_what_the_code_gives(measured, found, tmp_path):
     page = PAGE.read_text(encoding="utf-8")
     machine = page.splitlines()[2].split(" on ", 1)[1].rstrip(".")
     save(tmp_path / "page.md", TITLE, COMMAND, sections(measured, found), machine)
@@ -79,9 +73,7 @@ def test_the_page_is_what_the_code_gives(
     assert sum(any(letter.isalnum() for letter in word) for word in page.split()) <= WORDS
 
 
-def test_the_mean_of_sensors_and_curve_is_closer_than_either(
-    measured: list[Walk], found: list[Estimate]
-) -> None:
+def test_the_mean_of_sensors_and_curve_is_closer_than_either(measured, found):
     curve = person_mean(errors_of(chosen(found, "", CURVE)))
     for level in LOAD_LEVELS:
         shipped_error = person_mean(errors_of(chosen(found, level, OTHERS)))
@@ -89,7 +81,7 @@ def test_the_mean_of_sensors_and_curve_is_closer_than_either(
         assert shipped_error < curve < person_mean(line_errors(measured))
 
 
-def test_the_defaults_are_those_of_all_persons(measured: list[Walk]) -> None:
+def test_the_defaults_are_those_of_all_persons(measured):
     timed = on_time(measured, clocks(measured))
     together = fitted(timed, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
     assert [getattr(PersonSection(), name) for name in FREE] == pytest.approx(together, abs=0.01)
@@ -98,8 +90,8 @@ def test_the_defaults_are_those_of_all_persons(measured: list[Walk]) -> None:
 
 
 def test_the_shipped_share_is_the_one_form_that_holds_for_the_other_person(
-    measured: list[Walk],
-) -> None:
+    measured,
+):
     medial = with_medial(measured)
     missed = {
         form: fmean(errors.values()) for form, errors in missed_by(medial, other_person).items()
@@ -110,14 +102,14 @@ def test_the_shipped_share_is_the_one_form_that_holds_for_the_other_person(
     assert (ROOT / "config" / "share_medial.csv").read_text(encoding="utf-8") == shipped(medial)[1]
 
 
-def test_movements_without_constants_are_marked_and_walking_is_not() -> None:
+def test_movements_without_constants_are_marked_and_walking_is_not():
     marked, f1 = scores()
     assert f1 >= 0.89
     assert all(part > 0.9 for name, part in marked.items() if not CYCLES[name].known)
     assert all(part < 0.1 for name, part in marked.items() if CYCLES[name].known)
 
 
-def test_spikes_and_missing_plates_go_with_what_is_near_them() -> None:
+def test_spikes_and_missing_plates_go_with_what_is_near_them():
     time = np.arange(200) * 0.01
     spikes = np.zeros(200, dtype=bool)
     spikes[50] = True

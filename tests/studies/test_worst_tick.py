@@ -1,7 +1,5 @@
 """The search for the dearest tick keeps to its motions and to the budget."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +11,7 @@ from knee_contact_ros import load_model
 from studies.worst_tick import FASTEST, STRONGEST, search
 
 
-def test_a_search_finds_dearer_ticks_than_gait_and_none_beyond_the_budget() -> None:
+def test_a_search_finds_dearer_ticks_than_gait_and_none_beyond_the_budget():
     knee = replace(load_model("mri_femur", compiled=True), budget=300)
     found = search(knee, 0.005, 20, seed=1)
     costs = [one.evaluations for one in found]

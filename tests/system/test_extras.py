@@ -1,9 +1,6 @@
 """How to get what is not installed."""
 
-from __future__ import annotations
-
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,9 +9,7 @@ from knee_contact_ros.system.files import not_installed
 from tests import ROOT
 
 
-def test_the_command_is_one_that_works_here(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_is_one_that_works_here(tmp_path, monkeypatch):
     """The package is in no index: its name would be somebody else's."""
     # The share folder of an installed package is not that of its sources.
     monkeypatch.setattr(files, "share_folder", lambda: ROOT)
@@ -30,9 +25,7 @@ def test_the_command_is_one_that_works_here(
 
 
 @pytest.mark.parametrize("site", ["lib/python3.11/site-packages", "Lib/site-packages", "."])
-def test_the_files_of_an_installation_are_beside_its_modules(
-    site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_files_of_an_installation_are_beside_its_modules(site, tmp_path, monkeypatch):
     """Of an environment, one on Windows, and `pip install --target`; another one's do not come before."""
     share, other = (tmp_path / name / "share" / "knee_contact_ros" for name in ("own", "other"))
     for folder in (share, other):

@@ -1,12 +1,10 @@
 """Offline commands where the package believes that it runs on Windows or macOS, and has no ROS."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path, PureWindowsPath
+from pathlib import PureWindowsPath
 from typing import Any
 
 import pytest
@@ -91,7 +89,7 @@ ANSWERS = ("out.csv", "femur.csv")
 """Files of numbers, which are the same on all systems"""
 
 
-def prepared(folder: Path) -> dict[str, str]:
+def prepared(folder):
     """Fill a folder with the inputs of the commands; return where the others are."""
     folder.mkdir()
     places = {
@@ -109,7 +107,7 @@ def prepared(folder: Path) -> dict[str, str]:
     return {name: str(place) for name, place in places.items()}
 
 
-def run(folder: Path, commands: list[str], **environment: str) -> tuple[int, str, str]:
+def run(folder, commands, **environment):
     """Run commands in a folder; return exit code, output and errors."""
     done = subprocess.run(
         [sys.executable, "run.py", json.dumps(commands)],
@@ -124,9 +122,7 @@ def run(folder: Path, commands: list[str], **environment: str) -> tuple[int, str
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
-def test_all_that_needs_no_ros_runs_and_gives_the_same_numbers(
-    system: str, tmp_path: Path
-) -> None:
+def test_all_that_needs_no_ros_runs_and_gives_the_same_numbers(system, tmp_path):
     folder = tmp_path / FOLDER
     places = prepared(folder)
     commands = [command.format(**places) for command in COMMANDS]
@@ -145,9 +141,7 @@ def test_all_that_needs_no_ros_runs_and_gives_the_same_numbers(
 
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("command", ["node", "load", "replay {bags}/gait2354_right", "demo"])
-def test_a_command_that_needs_ros_says_so_in_a_line(
-    system: str, command: str, tmp_path: Path
-) -> None:
+def test_a_command_that_needs_ros_says_so_in_a_line(system, command, tmp_path):
     folder = tmp_path / FOLDER
     places = prepared(folder)
     code, _, errors = run(folder, [command.format(**places)], **environment(system))
@@ -169,9 +163,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("system", "file", "text", "wrong"), WRONG)
-def test_what_the_system_lacks_is_found(
-    system: str, file: str, text: str, wrong: str, tmp_path: Path
-) -> None:
+def test_what_the_system_lacks_is_found(system, file, text, wrong, tmp_path):
     package = copy_of_the_package(tmp_path / "copy")
     changed = package / file
     source = changed.read_text("utf-8")
@@ -186,7 +178,7 @@ def test_what_the_system_lacks_is_found(
     assert code or "\\u" in output, output + errors
 
 
-def test_lists_know_what_systems_lack() -> None:
+def test_lists_know_what_systems_lack():
     windows, mac = map(lacking_names, SYSTEMS)
     assert {"fork", "O_NONBLOCK", "getuid", "sched_getaffinity", "fdatasync"} <= {*windows["os"]}
     assert {"SIGHUP", "SIGKILL", "pthread_sigmask"} <= {*windows["signal"]}
@@ -205,7 +197,7 @@ NOT_HERE = "not pipes and not hashes and not cut_off"
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
-def test_files_of_results_keep_their_promises(system: str) -> None:
+def test_files_of_results_keep_their_promises(system):
     """The same tests of locks and names as on this system."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *PYTEST.split(), "-k", NOT_HERE],
@@ -219,7 +211,7 @@ def test_files_of_results_keep_their_promises(system: str) -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_paths_have_drives_and_backslashes() -> None:
+def test_paths_have_drives_and_backslashes():
     path: Any = PureWindowsPath(r"C:\data\run_3.mcap")
     partial = partial_name(path)
     assert str(partial) == r"C:\data\run_3.mcap.partial"

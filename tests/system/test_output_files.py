@@ -1,7 +1,5 @@
 """Unfinished files: who writes them, and which were cut off."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re
@@ -10,7 +8,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -39,7 +36,7 @@ time.sleep(60.0)
 """
 
 
-def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> None:
+def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path):
     path, partial = tmp_path / "out.mcap", tmp_path / "out.mcap.partial"
     with subprocess.Popen(
         [sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE, text=True
@@ -67,7 +64,7 @@ PLANTED: dict[str, Callable[[Path], None]] = {
 
 @pytest.mark.parametrize("what", PLANTED)
 @pytest.mark.parametrize("place", ["out.mcap", "out.mcap.partial"])
-def test_links_and_pipes_are_never_opened(tmp_path: Path, what: str, place: str) -> None:
+def test_links_and_pipes_are_never_opened(tmp_path, what, place):
     path, victim = tmp_path / "out.mcap", tmp_path / "victim"
     victim.write_text("another's")
     PLANTED[what](tmp_path / place)
@@ -86,12 +83,10 @@ def test_links_and_pipes_are_never_opened(tmp_path: Path, what: str, place: str)
 
 
 @pytest.mark.parametrize("trouble", [0, errno.EPERM, errno.ENOTSUP])
-def test_a_name_that_is_taken_meanwhile_is_left_alone(
-    tmp_path: Path, monkeypatch: Any, trouble: int
-) -> None:
+def test_a_name_that_is_taken_meanwhile_is_left_alone(tmp_path, monkeypatch, trouble):
     """Also where a file system has no links."""
 
-    def link(*_arguments: Any, **_options: Any) -> None:
+    def link(*_arguments, **_options):
         raise OSError(trouble, os.strerror(trouble))
 
     if trouble:
@@ -118,7 +113,7 @@ IMPOSSIBLE = {
 
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
-def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: str) -> None:
+def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path, name):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").touch()
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
@@ -132,10 +127,8 @@ def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: 
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_full_disk_is_no_bad_input_and_the_output_is_named(
-    tmp_path: Path, monkeypatch: Any, number: int
-) -> None:
-    def full(*_: Any, **__: Any) -> None:
+def test_a_full_disk_is_no_bad_input_and_the_output_is_named(tmp_path, monkeypatch, number):
+    def full(*_, **__):
         raise OSError(number, os.strerror(number))
 
     out = tmp_path / "out"
@@ -152,7 +145,7 @@ def test_a_full_disk_is_no_bad_input_and_the_output_is_named(
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="a user other than root")
-def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
+def test_folders_that_may_not_be_used_are_refused(tmp_path):
     for mode in (0o500, 0o600):
         tmp_path.chmod(mode)
         with pytest.raises(UsageError, match="Permission denied"):
@@ -161,8 +154,8 @@ def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_home_folder_and_the_time_are_put_in_their_places(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     monkeypatch.setenv("HOME", "/home/anna")
     assert re.fullmatch(r"/home/anna/runs/[\d_-]{19}\.mcap", expand_stamp("~/runs/{stamp}.mcap"))
     assert expand_stamp("") == ""

@@ -1,12 +1,7 @@
 """Texts of others on a terminal and in a log."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
-
-import pytest
 
 from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.commands.tables import show_recovery, show_summary
@@ -20,25 +15,23 @@ EVIL = "\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"
 SHOWN = r"\x1b]0;mine\x07\x1b[2Jtopic\u202e\r\x9b31m[/red]\udc80"
 
 
-def test_unprintable_characters_are_escaped() -> None:
+def test_unprintable_characters_are_escaped():
     assert printable(EVIL) == SHOWN
     assert printable("µm Knie 膝 [a] \\x1b") == "µm Knie 膝 [a] \\x1b"
 
 
-def test_lists_are_cut() -> None:
+def test_lists_are_cut():
     assert list_names([EVIL, "b"]) == f"{SHOWN}, b"
     assert list_names([str(number) for number in range(30)]).endswith("18, 19 and 10 more")
     assert list_names(["a" * 101]) == f"{'a' * 100}..."
 
 
-def test_errors_are_printable_lines() -> None:
+def test_errors_are_printable_lines():
     assert str(UsageError(f"a\nb {EVIL}")) == f"a b {SHOWN}".replace(r"\r", " ")
     assert str(RefusedSampleError("joint_missing", EVIL)) == SHOWN
 
 
-def test_printed_lines_have_no_escape_codes(
-    old_recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_printed_lines_have_no_escape_codes(old_recording, capsys):
     say(EVIL, err=True)
     warn([EVIL])
     show_recovery(Recovery([TopicCount(EVIL, EVIL, 1, 2)], (0, 1), 1, 1, [EVIL]), EVIL)
@@ -59,7 +52,7 @@ with progress("\x1b]0;mine\x07[/red]") as advance:
 """
 
 
-def test_a_bar_has_no_escape_codes_and_a_pipe_has_no_bar() -> None:
+def test_a_bar_has_no_escape_codes_and_a_pipe_has_no_bar():
     with Terminal(sys.executable, "-c", PROGRAM) as terminal:
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/red\]")
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/green\].*100%")

@@ -1,12 +1,8 @@
 """Processes of ours are never left behind."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -33,18 +29,16 @@ with child_process("it", ["-c", "import time; print('begun', flush=True); time.s
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_it_starts_ends_it(
-    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_signal_while_it_starts_ends_it(number, tmp_path, monkeypatch):
     started: list[subprocess.Popen[bytes]] = []
 
     class Interrupted(subprocess.Popen):  # type: ignore[type-arg]
-        def __init__(self, *arguments: Any, **more: Any) -> None:
+        def __init__(self, *arguments, **more):
             super().__init__(*arguments, **more)
             started.append(self)
             signal.raise_signal(number)
 
-    def interrupt(_number: int, _frame: object) -> None:
+    def interrupt(_number, _frame):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(processes.subprocess, "Popen", Interrupted)
@@ -72,9 +66,7 @@ def test_a_signal_while_it_starts_ends_it(
         ),
     ],
 )
-def test_the_reason_of_an_ended_process_is_reported(
-    tmp_path: Path, output: str, told: str
-) -> None:
+def test_the_reason_of_an_ended_process_is_reported(tmp_path, output, told):
     words = f"import sys; sys.stdout.write({output!r}); sys.exit(3)"
     with (
         pytest.raises(UsageError, match=f"^it ended with code 3: {told}$"),
@@ -83,7 +75,7 @@ def test_the_reason_of_an_ended_process_is_reported(
         child.process.wait()
 
 
-def test_a_killed_parent_leaves_no_child(tmp_path: Path) -> None:
+def test_a_killed_parent_leaves_no_child(tmp_path):
     command = [sys.executable, "-c", PARENT, str(tmp_path / "log")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as parent:
         assert parent.stdout

@@ -1,9 +1,5 @@
 """YAML of others: what is no YAML, or would take for ever, is refused in one line."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from knee_contact_ros.system.files import (
@@ -30,13 +26,13 @@ BEYOND = {
 
 
 @pytest.mark.parametrize("name", BEYOND)
-def test_yaml_beyond_the_bounds_is_refused(name: str) -> None:
+def test_yaml_beyond_the_bounds_is_refused(name):
     content, words = BEYOND[name]
     with pytest.raises(BadYamlError, match=words):
         parse_yaml(str(content))
 
 
-def test_a_file_is_read_to_a_limit(tmp_path: Path) -> None:
+def test_a_file_is_read_to_a_limit(tmp_path):
     path = tmp_path / "long.yaml"
     path.write_text(f"a: 1\n# {'x' * MAX_FILE_SIZE}")
     with pytest.raises(OSError, match=f"longer than {MAX_FILE_SIZE} bytes"):
@@ -44,7 +40,7 @@ def test_a_file_is_read_to_a_limit(tmp_path: Path) -> None:
     assert read_yaml(path, MAX_FILE_SIZE + 100) == {"a": 1}
 
 
-def test_aliases_are_read() -> None:
+def test_aliases_are_read():
     assert parse_yaml("a: &b [1, {c: 2}]\nd: *b") == {"a": [1, {"c": 2}], "d": [1, {"c": 2}]}
     with pytest.raises(BadYamlError):
         parse_yaml("&a [*a]")

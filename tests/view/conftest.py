@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,12 +11,11 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from tests.helpers.offline import solve
 
 if TYPE_CHECKING:
-    from knee_contact_ros.model.types import Rows
-    from knee_contact_ros.view.anatomy import KneeOutlines
+    pass
 
 
 @pytest.fixture(scope="session")
-def osteoarthritic(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def osteoarthritic(right_bag, tmp_path_factory):
     """A recording of the osteoarthritic knee with its MRI profile."""
     path = tmp_path_factory.mktemp("recordings") / "osteoarthritic.mcap"
     parameters = load_parameters(["osteoarthritis", "mri_femur"])
@@ -26,7 +24,7 @@ def osteoarthritic(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="package")
-def knee(right_bag: Path) -> tuple[KneeOutlines, Rows]:
+def knee(right_bag):
     """The same knee, and its gait."""
     from knee_contact_ros.view.anatomy import outlines_of
     from tests.view.scenes import WEIGHT, answered
@@ -40,7 +38,7 @@ def knee(right_bag: Path) -> tuple[KneeOutlines, Rows]:
 
 
 @pytest.fixture(scope="package")
-def drawn(knee: tuple[KneeOutlines, Rows], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def drawn(knee, tmp_path_factory):
     """All of it, drawn at once."""
     from tests.view.scenes import written
 

@@ -1,10 +1,6 @@
 """Knees and gaits that tests of the scene draw, and what is in the Rerun files."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +9,6 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.chunk import RrdReader
 
-from knee_contact_ros.model.types import Rows
-from knee_contact_ros.streams.contact_pipeline import ContactPipeline
-from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
 from tests.helpers.answers import answers_to, rows_of
@@ -30,17 +23,15 @@ SHIPPED = [
 """Parameter files of all shipped knees"""
 
 
-def answers_of(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Iterator[Any]:
+def answers_of(stream, bag, most=10_000):
     return answers_to(stream, raw_messages(bag)[:most])
 
 
-def answered(stream: ContactPipeline, bag: Path, most: int = 10_000) -> Rows:
+def answered(stream, bag, most=10_000):
     return rows_of([*answers_of(stream, bag, most)])
 
 
-def written(
-    path: Path, drawing: KneeOutlines, parts: list[Any], latency: bool = False, **options: Any
-) -> Path:
+def written(path, drawing, parts, latency=False, **options):
     """A scene of batches of answers, and of notes (name and values) between them."""
     file = RerunFile(path, [drawing], latency=latency)
     scene = Scene(file.recording, drawing, latency=latency, **options)
@@ -51,7 +42,7 @@ def written(
     return path
 
 
-def at(rows: Rows, stamps: Any) -> Rows:
+def at(rows, stamps):
     """The same answers at other stamps [ns]."""
     rows = rows.copy()
     rows["stamp"] = stamps
@@ -59,20 +50,20 @@ def at(rows: Rows, stamps: Any) -> Rows:
 
 
 @lru_cache(maxsize=2)
-def _chunks(path: Path, *_status: int) -> list[Any]:
+def _chunks(path, *_status):
     return [
         (chunk.entity_path, chunk.is_static, chunk.to_record_batch())
         for chunk in RrdReader(path).stream()
     ]
 
 
-def chunks(path: Path) -> list[Any]:
+def chunks(path):
     """All that a recording holds (path, whether it is constant, data); it is read once, as long as it is the same."""
     status = path.stat()
     return _chunks(path, status.st_ino, status.st_size, status.st_mtime_ns)
 
 
-def lists(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
+def lists(path, entity, component):
     """Stamps and values of one component, in the order of the stamps."""
     values: list[tuple[int, Any]] = []
     for place, still, batch in chunks(path):
@@ -82,17 +73,17 @@ def lists(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
     return sorted(values, key=lambda pair: pair[0])
 
 
-def column(path: Path, entity: str, component: str = "Scalars:scalars") -> np.ndarray:
+def column(path, entity, component="Scalars:scalars"):
     """The values alone, where all have the same length."""
     return np.array([value for _, value in lists(path, entity, component)])
 
 
-def texts_of(path: Path, entity: str = "events", component: str = "TextLog:text") -> list[str]:
+def texts_of(path, entity="events", component="TextLog:text"):
     """Texts of the knee, in the order of the stamps."""
     return [text[0] for _, text in lists(path, f"/knee/{entity}", component)]
 
 
-def entities(path: Path) -> dict[str, set[str]]:
+def entities(path):
     """The components that change, by entity."""
     found: dict[str, set[str]] = {}
     for place, still, batch in chunks(path):
@@ -103,7 +94,7 @@ def entities(path: Path) -> dict[str, set[str]]:
     return found
 
 
-def constant(path: Path, component: str) -> set[str]:
+def constant(path, component):
     """The entities that hold a component which does not change."""
     return {
         place for place, still, batch in chunks(path) if still and component in batch.schema.names

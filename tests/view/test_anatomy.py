@@ -1,9 +1,6 @@
 """The polygons of a knee, and the knee of matplotlib: drawn is what the answers say."""
 
-from __future__ import annotations
-
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,14 +8,11 @@ import pytest
 from matplotlib.path import Path as Outline
 
 from knee_contact_ros import load_model
-from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.view import picture
 from knee_contact_ros.view.anatomy import (
     DRAWN_THICKNESS,
     OVERLAP_REACH,
     SURFACE_POINTS,
-    Anatomy,
-    Picture,
     outlines_of,
     picture_of,
 )
@@ -43,15 +37,15 @@ TWO_LAYERS = {"contact.law": "two_layer_elastic", "contact.layer_depth": 1e-3}
 
 
 @cache
-def model_of(config: Path, name: str) -> KneeModel:
+def model_of(config, name):
     return load_model([config / one if isinstance(one, str) else one for one in KNEES[name]])
 
 
-def anatomy_of(model: KneeModel) -> Anatomy:
+def anatomy_of(model):
     return outlines_of(model, "knee", 700.0).anatomy
 
 
-def pressed(model: KneeModel, angle: float, depth: float = DEPTH) -> Picture:
+def pressed(model, angle, depth=DEPTH):
     """A knee as deep as that, to 1e-9 m."""
     height = 0.03
     for _ in range(60):
@@ -62,17 +56,17 @@ def pressed(model: KneeModel, angle: float, depth: float = DEPTH) -> Picture:
     return picture
 
 
-def area(polygon: np.ndarray) -> float:
+def area(polygon):
     return abs(
         0.5 * float(np.linalg.det(np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)).sum())
     )
 
 
-def crossings(polygon: np.ndarray) -> int:
+def crossings(polygon):
     """How many pairs of a polygon's sides cross, neighbours left out."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
 
-    def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    def side(p, q, r):
         return np.sign(
             (q[:, None, 0] - p[:, None, 0]) * (r[None, :, 1] - p[:, None, 1])
             - (q[:, None, 1] - p[:, None, 1]) * (r[None, :, 0] - p[:, None, 0])
@@ -84,9 +78,7 @@ def crossings(polygon: np.ndarray) -> int:
 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("name", KNEES)
-def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(
-    config: Path, name: str, angle: float
-) -> None:
+def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(config, name, angle):
     model = model_of(config, name)
     picture = pressed(model, angle)
     for polygon in picture[:5]:
@@ -122,7 +114,7 @@ def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(
 
 
 @pytest.mark.parametrize("name", KNEES)
-def test_triangles_cover_the_bones_once(config: Path, name: str) -> None:
+def test_triangles_cover_the_bones_once(config, name):
     pytest.importorskip("rerun", reason="needs the extra viewer")
     from knee_contact_ros.view.plane import triangles_of
 
@@ -137,7 +129,7 @@ def test_triangles_cover_the_bones_once(config: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", KNEES)
-def test_surfaces_are_the_model_s(config: Path, name: str) -> None:
+def test_surfaces_are_the_model_s(config, name):
     model = model_of(config, name)
     anatomy = anatomy_of(model)
     outline, drawn = model.pair.femur.outline(), anatomy.femur_cartilage[:SURFACE_POINTS]
@@ -163,9 +155,7 @@ def test_surfaces_are_the_model_s(config: Path, name: str) -> None:
         ),
     ],
 )
-def test_the_thickness_is_that_of_the_law_if_it_has_one(
-    changes: dict[str, Any], thickness: float, is_drawn: bool
-) -> None:
+def test_the_thickness_is_that_of_the_law_if_it_has_one(changes, thickness, is_drawn):
     anatomy = anatomy_of(load_model(changes))
     assert (anatomy.thickness, anatomy.thickness_is_drawn) == (pytest.approx(thickness), is_drawn)
     surface, bone = anatomy.tibia_cartilage[:SURFACE_POINTS], anatomy.tibia_bone[:SURFACE_POINTS]
@@ -173,13 +163,13 @@ def test_the_thickness_is_that_of_the_law_if_it_has_one(
     assert surface[[0, -1]] == pytest.approx(bone[[0, -1]])  # it thins out
 
 
-def test_the_bones_touch_at_the_depth_of_the_law() -> None:
+def test_the_bones_touch_at_the_depth_of_the_law():
     for depth, touch in ((0.95e-3, False), (1.05e-3, True)):
         picture = pressed(load_model(TWO_LAYERS), 0.2, depth)
         assert Outline(picture.tibia_bone).contains_points(picture.femur_bone).any() == touch
 
 
-def test_the_overlap_is_empty_apart_and_fills_the_search_range_when_deep() -> None:
+def test_the_overlap_is_empty_apart_and_fills_the_search_range_when_deep():
     whole = picture_of(load_model({}), 0.2, -0.03).overlap
     assert np.ptp(whole[:, 0]) == pytest.approx(2.0 * OVERLAP_REACH)
     picture = picture_of(load_model({}), 0.2, 0.035)
@@ -187,7 +177,7 @@ def test_the_overlap_is_empty_apart_and_fills_the_search_range_when_deep() -> No
     assert picture.overlap.shape == (0, 2)
 
 
-def test_the_drawn_overlap_has_the_depth_of_the_contact() -> None:
+def test_the_drawn_overlap_has_the_depth_of_the_contact():
     # A circle on a plane.
     posed = picture_of(load_model(["healthy", "osteoarthritis"]), 0.1, 0.034 - 0.7e-3)
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
@@ -201,7 +191,7 @@ def test_the_drawn_overlap_has_the_depth_of_the_contact() -> None:
 @pytest.mark.parametrize(
     ("depth", "label"), [(0.7e-3, "0.700 mm deep\n(drawn × 10)"), (-0.4e-3, "0.400 mm apart")]
 )
-def test_depth_and_scale_are_written_also_apart(depth: float, label: str) -> None:
+def test_depth_and_scale_are_written_also_apart(depth, label):
     from matplotlib.figure import Figure
 
     knee = Figure().subplots()

@@ -1,9 +1,6 @@
 """The scene: what is in it, where and when; curves, states, events; frame, titles and colours of the layout."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,7 +53,7 @@ Knee = tuple[KneeOutlines, Rows]
 SECOND = 1_000_000_000
 
 
-def test_entities_are_where_the_answers_are(right_bag: Path, tmp_path: Path) -> None:
+def test_entities_are_where_the_answers_are(right_bag, tmp_path):
     names = {
         "translation.mechanism": "parallel_mechanism",
         "tibia.geometry": "circle",
@@ -66,7 +63,7 @@ def test_entities_are_where_the_answers_are(right_bag: Path, tmp_path: Path) -> 
     rows, model = answered(stream, right_bag, 240), stream.model
     path = written(tmp_path / "knee.rrd", outlines_of(model, "knee", WEIGHT), [rows])
 
-    def drawn(entity: str, component: str) -> np.ndarray:
+    def drawn(entity, component):
         """One vector per tick, y turned from the screen's direction (down) to the tibia's (up)."""
         vectors = column(path, f"/knee/sagittal/{entity}", component).reshape(len(rows), -1)
         return vectors * np.where(np.arange(vectors.shape[1]) == 1, -1.0, 1.0)
@@ -116,7 +113,7 @@ def test_entities_are_where_the_answers_are(right_bag: Path, tmp_path: Path) -> 
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
 
-def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> None:
+def test_the_overlap_is_as_deep_as_the_answers_say(knee, drawn):
     rows = knee[1]
     corners = column(drawn, "/knee/body/overlap", "Mesh3D:vertex_positions")
     # As it is, and magnified: its cartilage, its bone; each along the tibia and along the femur.
@@ -139,7 +136,7 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> N
     assert texts_of(drawn, "sagittal/depth", "Points2D:labels") == words
 
 
-def test_apart_there_is_no_overlap_and_the_force_stands_on_the_tibia(tmp_path: Path) -> None:
+def test_apart_there_is_no_overlap_and_the_force_stands_on_the_tibia(tmp_path):
     flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
     rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
     drawing = outlines_of(load_model({}), "knee", WEIGHT)
@@ -157,9 +154,7 @@ def test_apart_there_is_no_overlap_and_the_force_stands_on_the_tibia(tmp_path: P
     assert words[1, 1] < point[1, 1] - 700.0 / 50.0  # N per mm; the screen's y points down
 
 
-def test_how_answers_are_cut_into_batches_makes_no_difference(
-    knee: Knee, drawn: Path, tmp_path: Path
-) -> None:
+def test_how_answers_are_cut_into_batches_makes_no_difference(knee, drawn, tmp_path):
     drawing, rows = knee
     cut = written(tmp_path / "cut.rrd", drawing, np.split(rows, [1, 2, 40, 41, 200]))
     assert entities(drawn) == entities(cut)
@@ -172,7 +167,7 @@ def test_how_answers_are_cut_into_batches_makes_no_difference(
                 )
 
 
-def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> None:
+def test_no_more_pictures_than_a_screen_can_show(knee, tmp_path):
     drawing, rows = knee
     fast = at(rows, rows["stamp"][0] + 1_000_000 * np.arange(len(rows)))
     path = written(tmp_path / "knee.rrd", drawing, [fast[:100], fast[100:]])
@@ -181,7 +176,7 @@ def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> 
     assert len(pictures) == math.ceil(387 * 1_000_000 / PICTURE_PERIOD)
 
 
-def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
+def test_every_curve_holds_every_tick(knee, drawn):
     drawing, rows = knee
     # The same arithmetic in another order: a few roundings of 1e-16.
     near = {"rel": 1e-12}
@@ -233,8 +228,8 @@ def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
 
 @pytest.mark.parametrize("files", SHIPPED, ids=" ".join)
 def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
-    config: Path, right_bag: Path, tmp_path: Path, files: list[str]
-) -> None:
+    config, right_bag, tmp_path, files
+):
     stream = ContactPipeline(load_parameters([config / file for file in files]), compiled=False)
     drawing = outlines_of(stream.model, "knee", WEIGHT)
     rows = answered(stream, right_bag, 150).copy()
@@ -262,7 +257,7 @@ def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
     assert {"/knee/states/contact", "/knee/states/level"} <= set(entities(path))
 
 
-def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
+def test_where_the_height_drives_no_load_is_drawn(tmp_path):
     model = load_model({"drive": "displacement"})
     time, angle = np.arange(0.0, 0.2, 0.01), np.full(20, 0.3)
     rows = np.asarray(model.run(time, angle, 0.0 * time, 0.0335 - 1e-4 * np.sin(30.0 * time)))
@@ -274,7 +269,7 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
     assert column(path, f"/knee/curves/{FORCES}").shape == (20, 3)
 
 
-def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> None:
+def test_a_single_answer_is_seen_in_every_plot(knee, tmp_path):
     drawing, rows = knee
     shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {
         "/knee/curves/layer"
@@ -287,9 +282,7 @@ def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> No
     )
 
 
-def test_states_are_written_where_they_change_and_repeated_in_a_server(
-    knee: Knee, drawn: Path, tmp_path: Path
-) -> None:
+def test_states_are_written_where_they_change_and_repeated_in_a_server(knee, drawn, tmp_path):
     drawing, rows = knee
     states = [("apart", "cartilage", "bone")[state] for state in rows["contact_state"]]
     changes = [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
@@ -304,8 +297,8 @@ def test_states_are_written_where_they_change_and_repeated_in_a_server(
 
 
 def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_its_stamp(
-    knee: Knee, tmp_path: Path
-) -> None:
+    knee, tmp_path
+):
     """A timeline has one kind of time: it is not known before."""
     (drawing, rows), today = knee, FIRST_DATE * 5
     dated = at(rows, today + rows["stamp"])
@@ -320,7 +313,7 @@ def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_
     assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in texts_of(path)
 
 
-def test_events_have_their_times(knee: Knee, drawn: Path) -> None:
+def test_events_have_their_times(knee, drawn):
     texts = texts_of(drawn)
     assert {
         "2.015 s  load peak 1.81 BW (1337.7 N)",
@@ -343,7 +336,7 @@ def test_events_have_their_times(knee: Knee, drawn: Path) -> None:
     assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
 
 
-def phases(angle: np.ndarray, size: int) -> list[tuple[float, str]]:
+def phases(angle, size):
     """Phases [s] of a gait with other angles, whose answers come in batches of this size."""
     stamps, _, load = (each[: len(angle)] for each in walking(200.0, 8.0))
     rows = np.zeros(len(stamps), ROW)
@@ -356,7 +349,7 @@ def phases(angle: np.ndarray, size: int) -> list[tuple[float, str]]:
 
 
 @pytest.mark.parametrize("size", [7, 10_000])
-def test_a_phase_that_the_load_contradicts_is_unknown(size: int) -> None:
+def test_a_phase_that_the_load_contradicts_is_unknown(size):
     stamps, angle, _ = walking(200.0, 8.0)
     right = phases(angle, size)
     for end in range(1080, 1300, 10):  # the run ends around a heel strike
@@ -372,7 +365,7 @@ def test_a_phase_that_the_load_contradicts_is_unknown(size: int) -> None:
     assert [phase for _, phase in stiff] == [*6 * ["stance", "unknown"], "stance"]
 
 
-def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
+def test_knees_of_one_scene_have_one_frame(config):
     drawings = [
         outlines_of(load_model([config / file for file in files]), "knee", WEIGHT)
         for files in SHIPPED
@@ -392,7 +385,7 @@ def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
 @pytest.mark.parametrize(
     "changes", [{"tibia.slope": -0.7}, {"tibia.slope": 0.7}, {"femur.radius": 0.2}]
 )
-def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, float]) -> None:
+def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes):
     model = load_model(["healthy", changes])
     drawing = outlines_of(model, "knee", WEIGHT)
     frame = layout.frame_of(drawing)
@@ -408,13 +401,13 @@ def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, f
     assert frame.y[1] - frame.scale[1] > 0.05 * (frame.y[1] - frame.y[0])
 
 
-def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
+def test_both_compartments_are_drawn_as_one_knee(config):
     profiles = [
         {"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")
     ]
     models = [load_model(["mri_femur", profile]) for profile in profiles]
 
-    def sizes(drawing: KneeOutlines) -> tuple[float, float]:
+    def sizes(drawing):
         """Widths of the femur's shaft and of the tibia [m]."""
         femur = drawing.anatomy.femur_bone
         return float(np.ptp(femur[femur[:, 1] > femur[:, 1].max() - 1e-6, 0])), float(
@@ -427,7 +420,7 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
     assert medial == pytest.approx(lateral, rel=1e-9)
 
 
-def test_several_knees_have_different_colours(knee: Knee) -> None:
+def test_several_knees_have_different_colours(knee):
     drawing, _ = knee
     both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
     assert title_of(both, KNEE_PLOTS[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
@@ -448,10 +441,10 @@ def test_several_knees_have_different_colours(knee: Knee) -> None:
         assert title.endswith((": colours as for flexion", "right_lateral violet"))
 
 
-def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
+def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer():
     """Rerun follows the user's theme; in a browser that is mostly the light one."""
 
-    def luminance(colour: tuple[int, int, int]) -> float:
+    def luminance(colour):
         """Relative luminance of the web's contrast formula (WCAG 2)."""
         parts = [part / 255.0 for part in colour]
         linear = [

@@ -1,7 +1,5 @@
 """`knee-contact view`: recordings and bags to a scene, what a person sees of it, and what cannot be seen."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal
@@ -9,12 +7,10 @@ import socket
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.client import HTTPException
 from importlib import invalidate_caches
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import psutil
@@ -59,9 +55,7 @@ RECORDED = [
 ANSWERS = MESSAGE_TYPES["knee_contact"]
 
 
-def test_a_recording_looks_as_it_did_live(
-    osteoarthritic: Path, right_bag: Path, tmp_path: Path
-) -> None:
+def test_a_recording_looks_as_it_did_live(osteoarthritic, right_bag, tmp_path):
     stream = ContactPipeline(
         load_parameters(["osteoarthritis", "mri_femur"]),
         compiled=False,
@@ -83,9 +77,7 @@ def test_a_recording_looks_as_it_did_live(
             )
 
 
-def test_bags_are_computed_and_knees_stand_side_by_side(
-    osteoarthritic: Path, right_bag: Path, tmp_path: Path
-) -> None:
+def test_bags_are_computed_and_knees_stand_side_by_side(osteoarthritic, right_bag, tmp_path):
     path, bag = tmp_path / "out.rrd", right_bag.with_name("gait2354_left")
     assert run(f"view {bag} {osteoarthritic} -p femur.radius:=0.03 --save {path}") == 0
     for knee in ("gait2354_left", "osteoarthritic"):
@@ -95,9 +87,7 @@ def test_bags_are_computed_and_knees_stand_side_by_side(
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
-def test_doubts_about_a_bag_are_printed_and_damage_ends_with_1(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_doubts_about_a_bag_are_printed_and_damage_ends_with_1(right_bag, tmp_path, capsys):
     cut, path = tmp_path / "cut.mcap", tmp_path / "out.rrd"
     cut.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
     assert run(f"view {cut} -p contact.stiffness:=2500.0 --save {path}") == 1
@@ -112,9 +102,7 @@ def test_doubts_about_a_bag_are_printed_and_damage_ends_with_1(
     assert 100 < len(column(path, "/knee/curves/flexion", "Scalars:scalars")) < 387
 
 
-def test_a_recording_from_before_sliding_and_force_error(
-    old_recording: Path, tmp_path: Path
-) -> None:
+def test_a_recording_from_before_sliding_and_force_error(old_recording, tmp_path):
     path = tmp_path / "out.rrd"
     assert run(f"view {old_recording} --save {path}") == 0
     later = {"sliding_velocity": [0], "force": [0, 1], "error": [0]}
@@ -135,13 +123,13 @@ def test_a_recording_from_before_sliding_and_force_error(
     ],
 )
 def test_namespaces_are_knees(
-    osteoarthritic: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    files: list[str],
-    topics: list[str],
-    roots: set[str],
-) -> None:
+    osteoarthritic,
+    tmp_path,
+    capsys,
+    files,
+    topics,
+    roots,
+):
     """In what another recorder has of our answers under some names."""
     paths = [tmp_path / f"{name}.mcap" for name in files]
     for path in paths:
@@ -160,7 +148,7 @@ def test_namespaces_are_knees(
     )
 
 
-def test_notes_of_the_node_stand_at_their_time(right_bag: Path, tmp_path: Path) -> None:
+def test_notes_of_the_node_stand_at_their_time(right_bag, tmp_path):
     """With the line where bone begins."""
     parameters = load_parameters(["osteoarthritis"])
     stream = ContactPipeline(parameters, compiled=False)
@@ -205,13 +193,13 @@ def test_notes_of_the_node_stand_at_their_time(right_bag: Path, tmp_path: Path) 
     ],
 )
 def test_bad_input_is_refused_in_one_line(
-    words: str,
-    reason: str,
-    osteoarthritic: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    words,
+    reason,
+    osteoarthritic,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     for name in DISPLAY_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
@@ -226,7 +214,7 @@ def test_bad_input_is_refused_in_one_line(
 
 
 @contextmanager
-def viewing(words: str) -> Iterator[subprocess.Popen[str]]:
+def viewing(words):
     """The command in a process of its own, which is gone afterwards with all that it has started."""
     command = [sys.executable, "-m", "knee_contact_ros.commands.main", "view", *words.split()]
     process = subprocess.Popen(
@@ -240,14 +228,12 @@ def viewing(words: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_browsers_are_served_until_ctrl_c(
-    osteoarthritic: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_browsers_are_served_until_ctrl_c(osteoarthritic, capsys):
     port = next(port for port in (free_port() for _ in range(100)) if port < 65_000)
     words = f"{osteoarthritic} --serve --port {port}"
     with viewing(words) as process:
 
-        def page() -> bytes:
+        def page():
             # While nobody listens, a connection to a port for outgoing ones may be answered by itself.
             with (
                 suppress(OSError, HTTPException),
@@ -281,7 +267,7 @@ def test_browsers_are_served_until_ctrl_c(
         assert probe.connect_ex(("127.0.0.1", port + 1)) != 0
 
 
-def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_screen: None) -> None:
+def test_a_window_opens_and_a_signal_closes_it(osteoarthritic, hidden_screen):
     with (
         viewing(str(osteoarthritic)) as process,
         window_of(psutil.Process(process.pid), 2_460_000_000) as viewer,
@@ -305,9 +291,7 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         assert not folder.exists()
 
 
-def test_the_viewer_is_found_among_the_packages_of_a_user(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_viewer_is_found_among_the_packages_of_a_user(tmp_path, monkeypatch):
     (tmp_path / "rerun_cli").mkdir()
     for name in ("__init__.py", "rerun"):
         (tmp_path / "rerun_cli" / name).touch()
@@ -321,12 +305,12 @@ def test_the_viewer_is_found_among_the_packages_of_a_user(
     "words", ["nowhere.mcap", "{bag} --save out.rrd", "rerun+http://127.0.0.1/"]
 )
 def test_the_command_says_what_to_install(
-    words: str,
-    right_bag: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Any,
-) -> None:
+    words,
+    right_bag,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "rerun_cli", None)
     assert run(f"view {words.format(bag=right_bag)}") == 2
@@ -334,9 +318,7 @@ def test_the_command_says_what_to_install(
     assert not list(tmp_path.iterdir())
 
 
-def test_view_ends_with_one_line_when_the_disk_is_full(
-    osteoarthritic: Path, tmp_path: Path
-) -> None:
+def test_view_ends_with_one_line_when_the_disk_is_full(osteoarthritic, tmp_path):
     path = tmp_path / "pictures" / "knee.rrd"
     path.parent.mkdir()
     done = subprocess.run(
@@ -365,13 +347,13 @@ PEAK = 2_430_000_000
 
 
 @pytest.fixture(scope="module")
-def scene(osteoarthritic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scene(osteoarthritic, tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "knee.rrd"
     assert run(f"view {osteoarthritic} --save {path}") == 0
     return path
 
 
-def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
+def test_the_first_tab_shows_the_knee_and_its_curves(scene):
     with rendered(scene) as screen:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
@@ -403,7 +385,7 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
     assert pixels_of(whole, DEPTH, within=20) > 300
 
 
-def test_rerun_alone_draws_the_leg_of_a_recording(osteoarthritic: Path) -> None:
+def test_rerun_alone_draws_the_leg_of_a_recording(osteoarthritic):
     with rendered(osteoarthritic) as screen:
         wait_for(lambda: not screen.complaints(), "the frames to be connected")
         (space,) = (view for view in screen.state.views if view.view_class == "3D")

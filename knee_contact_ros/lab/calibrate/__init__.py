@@ -1,7 +1,5 @@
 """`knee-contact calibrate` and `knee_contact_ros.calibrate`: parameters from measurements, with their intervals."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Mapping, Sequence
@@ -12,33 +10,33 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.folder import MAGICS, files_of
-from knee_contact_ros.bags.names import names_in_bag
-from knee_contact_ros.lab.calibrate import contact_problem, load_problem
-from knee_contact_ros.lab.calibrate.fit import LINEAR, LOSSES, Data, Fit, FitProblem, find_fit
-from knee_contact_ros.lab.calibrate.intervals import Interval, doubts, find_intervals
-from knee_contact_ros.lab.calibrate.unknowns import Free, Unknown, unknowns_of
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.offline.bag_parameters import parameters_for
-from knee_contact_ros.offline.notebooks import Name, in_python_words
-from knee_contact_ros.parameters.files import load_parameters, parameter_text
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.results import Results, missing_attribute
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expand_user, require, split_rule
-from knee_contact_ros.system.output_files import (
+from ... import __version__
+from ...bags.bag import Bag
+from ...bags.folder import MAGICS, files_of
+from ...bags.names import names_in_bag
+from ...model.types import Floats
+from ...offline.bag_parameters import parameters_for
+from ...offline.notebooks import Name, in_python_words
+from ...parameters.files import load_parameters, parameter_text
+from ...parameters.load_schema import LoadParameters
+from ...parameters.schema import Parameters
+from ...results import Results, missing_attribute
+from ...streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
+from ...system.errors import UsageError
+from ...system.files import DEFAULT_PARAMETERS, expand_user, require, split_rule
+from ...system.output_files import (
     PARTIAL,
     check_name_free,
     check_not_input,
     check_writable,
     write_complete,
 )
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import safe_cell, say, show_table, warn
+from ...system.progress import progress
+from ...system.terminal import safe_cell, say, show_table, warn
+from . import contact_problem, load_problem
+from .fit import LINEAR, LOSSES, Data, Fit, FitProblem, find_fit
+from .intervals import Interval, doubts, find_intervals
+from .unknowns import Free, Unknown, unknowns_of
 
 MEASURED_UNITS = contact_problem.ANSWER_UNITS | {load_problem.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""

@@ -1,7 +1,5 @@
 """Fit the contact model of a compartment to a table of what was measured of it."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,20 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.lab.calibrate.fit import Conclusions, Data, FitProblem, ParameterValues
-from knee_contact_ros.lab.calibrate.unknowns import Unknown
-from knee_contact_ros.lab.gait_bag import digest
-from knee_contact_ros.lab.headers import TableFormat, header_of
-from knee_contact_ros.lab.tables import read_numbers
-from knee_contact_ros.lab.units import check_unit
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import Floats, Status
-from knee_contact_ros.parameters.build import build_model, contact_pair, retuned
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.files import flat_parameters, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.results import Results
-from knee_contact_ros.system.errors import UsageError, suggest
+from ...model.knee import KneeModel
+from ...model.types import Floats, Status
+from ...parameters.build import build_model, contact_pair, retuned
+from ...parameters.curves import curve_texts
+from ...parameters.files import flat_parameters, known_parameters, load_parameters
+from ...parameters.schema import Parameters
+from ...results import Results
+from ...system.errors import UsageError, suggest
+from ..gait_bag import digest
+from ..headers import TableFormat, header_of
+from ..tables import read_numbers
+from ..units import check_unit
+from .fit import Conclusions, Data, FitProblem, ParameterValues
+from .unknowns import Unknown
 
 INPUT_UNITS = {"time": "s", "flexion_angle": "rad", "load": "N", "axial_load": "N"}
 """Columns of the inputs, with their units"""

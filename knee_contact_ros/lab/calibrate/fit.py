@@ -27,10 +27,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import chi2, f, qmc
 
-from knee_contact_ros.lab.calibrate.unknowns import Unknown
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.progress import OnProgress
+from ...model.types import Floats
+from ...system.errors import UsageError
+from ...system.progress import OnProgress
+from .unknowns import Unknown
 
 ParameterValues = dict[str, float]
 LINEAR = "linear"

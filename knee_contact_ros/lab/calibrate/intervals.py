@@ -7,8 +7,6 @@ autocorrelated, the equivalent number of independent values counts. An interval 
 within the parameter's range, the data do not bound the parameter there.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -16,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from knee_contact_ros.lab.calibrate.fit import LINEAR, Fit, autocorrelation, samples_per_value
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.system.progress import OnProgress
+from ...model.types import Floats
+from ...system.progress import OnProgress
+from .fit import LINEAR, Fit, autocorrelation, samples_per_value
 
 MAX_COORDINATE_STEP = math.log(1e9)
 """Largest distance [coordinates] from the fit at which the end of an interval is searched"""

@@ -1,7 +1,5 @@
 """Fit a person's constants of the load estimate to a measured joint reaction in a bag."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -12,29 +10,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.folder import bag_digest, others_beside
-from knee_contact_ros.bags.names import Names
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, Estimator
-from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
-from knee_contact_ros.joint_reaction.muscles import Person
-from knee_contact_ros.lab.calibrate.fit import Conclusions, Data, FitProblem, ParameterValues
-from knee_contact_ros.lab.calibrate.unknowns import Unknown
-from knee_contact_ros.model.types import UNUSABLE, Floats
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.parameters.files import known_parameters
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.streams.contact_pipeline import load_sample
-from knee_contact_ros.streams.load_pipeline import Sensed
-from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
-from knee_contact_ros.streams.topics import (
+from ...bags.bag import Bag
+from ...bags.folder import bag_digest, others_beside
+from ...bags.names import Names
+from ...joint_reaction.estimator import LOAD_LEVELS, Estimator
+from ...joint_reaction.leg import NetMoments, leg_of
+from ...joint_reaction.muscles import Person
+from ...model.types import UNUSABLE, Floats
+from ...offline.estimate_load import estimate_load
+from ...parameters.files import known_parameters
+from ...parameters.load_schema import LoadParameters
+from ...streams.contact_pipeline import load_sample
+from ...streams.load_pipeline import Sensed
+from ...streams.messages import WRENCH, RefusedSampleError
+from ...streams.topics import (
     JOINT_REACTION_FORCE,
     LOAD_ESTIMATE,
     MESSAGE_TYPES,
     NANOSECONDS,
 )
-from knee_contact_ros.system.errors import UsageError, join_faults
-from knee_contact_ros.system.progress import OnProgress
+from ...system.errors import UsageError, join_faults
+from ...system.progress import OnProgress
+from .fit import Conclusions, Data, FitProblem, ParameterValues
+from .unknowns import Unknown
 
 AXIAL_FORCE = "axial_force"
 """Column to which the estimate is fitted [N]"""

@@ -1,16 +1,14 @@
 """Free parameters of a fit: their names, ranges and coordinates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.parameters.files import all_values, known_parameters
-from knee_contact_ros.parameters.sections import Declaration, NodeSection
-from knee_contact_ros.system.errors import UsageError, suggest
+from ...parameters.files import all_values, known_parameters
+from ...parameters.sections import Declaration, NodeSection
+from ...system.errors import UsageError, suggest
 
 Free = Mapping[str, Sequence[float] | None] | Iterable[str]
 """Names of parameters, or a mapping of names to the ends of narrower ranges"""

@@ -1,7 +1,5 @@
 """The model of a knee as C: what `knee-contact export` writes for a controller or a microcontroller."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -13,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros import __version__
-from knee_contact_ros.model.compiler import (
+from ... import __version__
+from ...model.compiler import (
     TARGETS,
     BuildError,
     object_code,
 )
-from knee_contact_ros.model.kernel import portable_code
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD, LARGEST_TIME, KneeModel
-from knee_contact_ros.model.run_state import AT_BEGUN, STATE_SIZE
-from knee_contact_ros.model.types import (
+from ...model.kernel import portable_code
+from ...model.knee import LARGEST_ANGLE, LARGEST_LOAD, LARGEST_TIME, KneeModel
+from ...model.run_state import AT_BEGUN, STATE_SIZE
+from ...model.types import (
     FIELDS,
     FLAT,
     ROW,
@@ -33,10 +31,10 @@ from knee_contact_ros.model.types import (
     Status,
     blank_answers,
 )
-from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.curves import curve_texts, lateral_texts
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments, lateral_knee
-from knee_contact_ros.system.errors import UsageError
+from ...parameters.build import build_model
+from ...parameters.curves import curve_texts, lateral_texts
+from ...parameters.schema import Parameters, has_two_compartments, lateral_knee
+from ...system.errors import UsageError
 
 COMPILERS = {
     "x86-64": ("cc", "./{name}_test"),

@@ -1,7 +1,5 @@
 """The work of `knee-contact import-opensim`: run OpenSim if requested, read one or both knees, write bags, print."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -11,12 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab import checks, gait_bag
-from knee_contact_ros.lab.gait_bag import Gait, digest
-from knee_contact_ros.lab.opensim import leg as legs
-from knee_contact_ros.lab.opensim import results, run
-from knee_contact_ros.lab.opensim.quality import DO_NOT_TRUST, assess, verdict
-from knee_contact_ros.lab.opensim.results import (
+from ...system.errors import UsageError
+from ...system.files import require
+from ...system.output_files import work_folder
+from ...system.progress import progress
+from ...system.terminal import say
+from .. import checks, gait_bag
+from ..gait_bag import Gait, digest
+from ..tables import Table, TimeSeries, read_storage
+from . import leg as legs
+from . import results, run
+from .quality import DO_NOT_TRUST, assess, verdict
+from .results import (
     LEFT,
     RIGHT,
     ImportSettings,
@@ -24,13 +28,7 @@ from knee_contact_ros.lab.opensim.results import (
     TibiaPose,
     coordinate_of,
 )
-from knee_contact_ros.lab.opensim.setups import EXTERNAL_LOADS, data_file, plan
-from knee_contact_ros.lab.tables import Table, TimeSeries, read_storage
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import work_folder
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import say
+from .setups import EXTERNAL_LOADS, data_file, plan
 
 
 class Files(NamedTuple):

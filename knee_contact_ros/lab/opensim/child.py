@@ -9,8 +9,6 @@ the frames), `places` (by row and frame: the nine numbers of its rotation in gro
 `unknown`: coordinates between the first two frames that the request does not have.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

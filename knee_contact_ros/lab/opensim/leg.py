@@ -3,8 +3,6 @@
 OpenSim's external loads say which columns of ground reactions act on a foot; otherwise their names do.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence
@@ -14,10 +12,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from knee_contact_ros.lab import checks
-from knee_contact_ros.lab.gait_bag import Signal
-from knee_contact_ros.lab.opensim import child
-from knee_contact_ros.lab.opensim.results import (
+from ...model.types import Floats, Stamps
+from ...streams.topics import NANOSECONDS
+from ...system.errors import UsageError, list_names
+from ...system.files import require
+from .. import checks
+from ..gait_bag import Signal
+from ..tables import Table, read_storage
+from . import child
+from .results import (
     LEFT,
     RIGHT,
     SIDE_WORDS,
@@ -28,13 +31,8 @@ from knee_contact_ros.lab.opensim.results import (
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.run import failure_in, run_python
-from knee_contact_ros.lab.opensim.setups import UNSET, XML, read_xml, text_in
-from knee_contact_ros.lab.tables import Table, read_storage
-from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError, list_names
-from knee_contact_ros.system.files import require
+from .run import failure_in, run_python
+from .setups import UNSET, XML, read_xml, text_in
 
 _GROUND_NAMES = {"ground", "/ground", *UNSET}
 """Names of the ground frame, which is the default"""

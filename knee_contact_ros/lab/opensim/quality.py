@@ -7,16 +7,17 @@ errors below 2 cm RMS and 4 cm at most, as in OpenSim's best practices. A reserv
 choice): unloaded joints, such as a foot's in swing, have no net moment to compare with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.opensim.run import OpenSimRun
-from knee_contact_ros.lab.opensim.setups import (
+from ...model.types import Floats, Stamps
+from ...system.errors import UsageError
+from ..tables import Table, read_storage
+from .run import OpenSimRun
+from .setups import (
     EXTERNAL_LOADS,
     IK,
     Setup,
@@ -24,9 +25,6 @@ from knee_contact_ros.lab.opensim.setups import (
     read_xml,
     text_in,
 )
-from knee_contact_ros.lab.tables import Table, read_storage
-from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.system.errors import UsageError
 
 _SMALL_RESERVE = 1.0
 """Reserve that always passes [N m]"""

@@ -3,8 +3,6 @@
 Columns are found by OpenSim's names, which contain coordinate, joint, body and frame.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -14,13 +12,13 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.lab import checks
-from knee_contact_ros.lab.gait_bag import MIRROR, Signal
-from knee_contact_ros.lab.opensim.setups import read_xml
-from knee_contact_ros.lab.tables import Table, read_storage
-from knee_contact_ros.model.types import Floats, Stamps
-from knee_contact_ros.system.errors import UsageError, list_names
+from ...joint_reaction.leg import GRAVITY
+from ...model.types import Floats, Stamps
+from ...system.errors import UsageError, list_names
+from .. import checks
+from ..gait_bag import MIRROR, Signal
+from ..tables import Table, read_storage
+from .setups import read_xml
 
 RIGHT = "right"
 LEFT = "left"

@@ -3,8 +3,6 @@
 The tools run in a copy of the user's folder.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import time
@@ -13,8 +11,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from knee_contact_ros.lab.opensim import child
-from knee_contact_ros.lab.opensim.setups import (
+from ...streams.topics import NANOSECONDS
+from ...system.errors import UsageError
+from ...system.processes import python_module, running
+from ...system.progress import Bar
+from ..tables import read_storage, repaired
+from . import child
+from .setups import (
     CMC,
     STATIC,
     TOOLS,
@@ -24,11 +27,6 @@ from knee_contact_ros.lab.opensim.setups import (
     reactions_setup,
     static_setup,
 )
-from knee_contact_ros.lab.tables import read_storage, repaired
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import python_module, running
-from knee_contact_ros.system.progress import Bar
 
 _FAILURE = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 """Words of a log's line that reports a failure"""

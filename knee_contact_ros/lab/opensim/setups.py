@@ -1,15 +1,13 @@
 """Set-up files of OpenSim's tools: which step each is for, what it reads and writes, and those that we write."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require
+from ...system.errors import UsageError
+from ...system.files import require
 
 XML = ".xml"
 UNSET = {"", "Unassigned", "unassigned"}

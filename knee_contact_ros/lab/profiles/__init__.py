@@ -4,8 +4,6 @@ It reads, cuts, smooths and measures the mesh, writes the profile as CSV, a pict
 report.
 """
 
-from __future__ import annotations
-
 import io
 import math
 from pathlib import Path
@@ -13,9 +11,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.checks import refuse_outside
-from knee_contact_ros.lab.profiles.chart import circle
-from knee_contact_ros.lab.profiles.fit import (
+from ...model.types import MM, Floats
+from ...parameters.files import parameter_text
+from ...parameters.schema import Parameters
+from ...system.errors import UsageError
+from ...system.files import require
+from ...system.output_files import check_name_free, check_not_input, write_complete
+from ...view.picture import CURVES_STYLE, png_figure
+from ..checks import refuse_outside
+from .chart import circle
+from .fit import (
     GAIT_NORMALS,
     SLAB,
     SMOOTHING_TOLERANCE,
@@ -23,15 +28,8 @@ from knee_contact_ros.lab.profiles.fit import (
     concave,
     fit,
 )
-from knee_contact_ros.lab.profiles.slices import contact_centre
-from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
-from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.parameters.files import parameter_text
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import check_name_free, check_not_input, write_complete
-from knee_contact_ros.view.picture import CURVES_STYLE, png_figure
+from .slices import contact_centre
+from .surfaces import Surface, read_surface
 
 LABEL_WIDTH = 11
 """Width of a line's label on the terminal, with the space after it"""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.model.types import Floats
+from ...model.types import Floats
 
 
 class Chart(NamedTuple):

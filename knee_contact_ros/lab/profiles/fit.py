@@ -6,19 +6,17 @@ Stat Sci 11:89-121); a femur's is kept positive. The deviation left with the sma
 roughness and tolerance. So a mesh's noise changes how far the profile is from the slice, but not how smooth it is.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.checks import Limits, refuse_outside
-from knee_contact_ros.lab.profiles.chart import Chart, circle
-from knee_contact_ros.lab.profiles.slices import CutLines, Slices, cut_surface, slices
-from knee_contact_ros.lab.profiles.surfaces import Surface
-from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.system.errors import UsageError
+from ...model.types import MM, Floats
+from ...system.errors import UsageError
+from ..checks import Limits, refuse_outside
+from .chart import Chart, circle
+from .slices import CutLines, Slices, cut_surface, slices
+from .surfaces import Surface
 
 SMOOTHING_TOLERANCE = 0.05e-3
 """Default of the RMS distance from the slice that smoothing may add [m]"""

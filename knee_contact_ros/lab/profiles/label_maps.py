@@ -5,8 +5,6 @@ NRRD: https://teem.sourceforge.net/nrrd/format.html. MetaImage: https://itk.org/
 LPS, and a row of its TransformMatrix is the direction of an axis of the voxels.
 """
 
-from __future__ import annotations
-
 import bz2
 import math
 import re
@@ -18,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.types import Floats
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import open_regular
+from ...model.types import Floats
+from ...system.errors import UsageError
+from ...system.files import open_regular
 
 _LARGEST_HEADER = 2**16
 """Largest size of a text header [B]"""

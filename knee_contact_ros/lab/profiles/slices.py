@@ -3,17 +3,15 @@
 Parallel slices within a slab are cut too: the noise of a mesh differs from one to the next, the bone does not.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.profiles.chart import Chart
-from knee_contact_ros.lab.profiles.surfaces import Surface
-from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.system.errors import UsageError
+from ...model.types import MM, Floats
+from ...system.errors import UsageError
+from .chart import Chart
+from .surfaces import Surface
 
 _PLANE_DISTANCE = 0.5e-3
 """Distance of adjacent planes of the slab [m], or a little less"""

@@ -4,8 +4,6 @@ Trimesh or VTK reads meshes, and point clouds are text. A label map, or a mesh f
 way its axes point (`SPACE=RAS`); for other files the caller must know.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import re
@@ -17,13 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.checks import refuse_outside
-from knee_contact_ros.lab.profiles import vtk_file
-from knee_contact_ros.lab.profiles.label_maps import LABEL_MAPS, read_label_map
-from knee_contact_ros.lab.units import UNIT_FACTORS
-from knee_contact_ros.model.types import MM, Floats, Integers
-from knee_contact_ros.system.errors import UsageError, list_names
-from knee_contact_ros.system.processes import python_module, running
+from ...model.types import MM, Floats, Integers
+from ...system.errors import UsageError, list_names
+from ...system.processes import python_module, running
+from ..checks import refuse_outside
+from ..units import UNIT_FACTORS
+from . import vtk_file
+from .label_maps import LABEL_MAPS, read_label_map
 
 _MESH_UNITS = ("m", "mm", "cm")
 _PLAUSIBLE_SIZES = (0.008, 0.7)

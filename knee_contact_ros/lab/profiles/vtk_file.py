@@ -3,8 +3,6 @@
 VTK checks no indices, so a damaged file may end its process by a signal.
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -11,11 +11,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from knee_contact_ros import __version__
-from knee_contact_ros.lab.paired import paired
-from knee_contact_ros.lab.report import figures
-from knee_contact_ros.lab.report.figures import MICRO
-from knee_contact_ros.lab.report.gathered import (
+from ... import __version__
+from ...model.types import MM, ContactState, Status
+from ...parameters.schema import Parameters
+from ...streams.strides import RISE_TIME
+from ...streams.topics import NANOSECONDS, is_lateral
+from ...system.errors import IncompleteError, UsageError, join_faults
+from ...system.files import install_command
+from ...system.output_files import replace, work_folder
+from ...system.progress import progress
+from ...system.terminal import warn
+from ..paired import paired
+from ..uncertainty import DEFAULT_LEVEL, Propagated
+from . import figures
+from .figures import MICRO
+from .gathered import (
     CYCLE_CURVES,
     CYCLE_PERCENT,
     EVENT_COLUMNS,
@@ -24,23 +34,13 @@ from knee_contact_ros.lab.report.gathered import (
     SECOND_PEAK,
     Gathered,
 )
-from knee_contact_ros.lab.report.runs import (
+from .runs import (
     NO_VALUE,
     ReportOptions,
     ReportRun,
     collect,
     differences,
 )
-from knee_contact_ros.lab.uncertainty import DEFAULT_LEVEL, Propagated
-from knee_contact_ros.model.types import MM, ContactState, Status
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.strides import RISE_TIME
-from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
-from knee_contact_ros.system.errors import IncompleteError, UsageError, join_faults
-from knee_contact_ros.system.files import install_command
-from knee_contact_ros.system.output_files import replace, work_folder
-from knee_contact_ros.system.progress import progress
-from knee_contact_ros.system.terminal import warn
 
 _PAGE = "report.html"
 _UNCERTAINTY_FILE = "uncertainty.csv"

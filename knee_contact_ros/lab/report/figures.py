@@ -3,8 +3,6 @@
 Every published range was read in the source that the page names with it (`report.html.jinja`).
 """
 
-from __future__ import annotations
-
 import io
 import math
 import textwrap
@@ -14,21 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.gathered import (
+from ...model.readouts import LAWS_WITH_PRESSURE
+from ...model.types import MM, Floats
+from ...parameters.schema import Parameters, has_two_compartments
+from ...streams.gait_events import HEEL_STRIKE, TOE_OFF
+from ...streams.topics import NANOSECONDS, is_lateral
+from ...view import picture
+from ..uncertainty import DEFAULT_LEVEL, Propagated
+from .gathered import (
     CYCLE_CURVES,
     CYCLE_PERCENT,
     FIRST_PEAK,
     SECOND_PEAK,
     Quantity,
 )
-from knee_contact_ros.lab.report.runs import ReportRun
-from knee_contact_ros.lab.uncertainty import DEFAULT_LEVEL, Propagated
-from knee_contact_ros.model.readouts import LAWS_WITH_PRESSURE
-from knee_contact_ros.model.types import MM, Floats
-from knee_contact_ros.parameters.schema import Parameters, has_two_compartments
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
-from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
-from knee_contact_ros.view import picture
+from .runs import ReportRun
 
 MICRO = 1e6
 _HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")

@@ -3,8 +3,6 @@
 All answers of a run are in memory at once.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -14,9 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.readouts import READOUTS_OF_LAW
-from knee_contact_ros.model.types import MM, ContactState, Floats, Status
-from knee_contact_ros.streams.gait_events import (
+from ...model.readouts import READOUTS_OF_LAW
+from ...model.types import MM, ContactState, Floats, Status
+from ...streams.gait_events import (
     GAP,
     HEEL_STRIKE,
     LOAD_PEAK,
@@ -24,9 +22,9 @@ from knee_contact_ros.streams.gait_events import (
     GaitEvent,
     GaitEvents,
 )
-from knee_contact_ros.streams.strides import Span, at_stamps, cut, spans, stride_of
-from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.streams.watch import Doubts
+from ...streams.strides import Span, at_stamps, cut, spans, stride_of
+from ...streams.topics import NANOSECONDS
+from ...streams.watch import Doubts
 
 _MEGA = 1e-6
 """Factor from Pa to MPa"""

@@ -3,8 +3,6 @@
 A bag is solved into a recording first, so all runs are read the same way.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -14,37 +12,35 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros import __version__
-from knee_contact_ros.bags.answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.names import OWN_NAMES, Names, names_in_bag
-from knee_contact_ros.bags.provenance import (
+from ... import __version__
+from ...bags.answers import answer_blocks, answer_topics
+from ...bags.bag import Bag
+from ...bags.names import OWN_NAMES, Names, names_in_bag
+from ...bags.provenance import (
     NOT_OF_THE_RESULT,
     Provenance,
     read_provenance,
     with_values,
 )
-from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, Gathered
-from knee_contact_ros.lab.uncertainty import Propagated, read_uncertain_gait
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.readouts import READOUTS_OF_LAW
-from knee_contact_ros.model.ringing import Ringing
-from knee_contact_ros.model.types import FLAT
-from knee_contact_ros.offline.bag_parameters import (
+from ...model.knee import KneeModel
+from ...model.readouts import READOUTS_OF_LAW
+from ...model.ringing import Ringing
+from ...model.types import FLAT
+from ...offline.bag_parameters import (
     file_contents,
     parameters_for,
     resolved_parameters,
     weight_doubt,
 )
-from knee_contact_ros.offline.held_answers import doubt_of
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.summary import refused_samples
-from knee_contact_ros.parameters import files
-from knee_contact_ros.parameters.build import build_model, law_constants
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.parameters.subjects import Subject
-from knee_contact_ros.streams.compartments import compartment_of_topic
-from knee_contact_ros.streams.topics import (
+from ...offline.held_answers import doubt_of
+from ...offline.solve import solve
+from ...offline.summary import refused_samples
+from ...parameters import files
+from ...parameters.build import build_model, law_constants
+from ...parameters.schema import Parameters
+from ...parameters.subjects import Subject
+from ...streams.compartments import compartment_of_topic
+from ...streams.topics import (
     KNEE,
     KNEE_CONTACT,
     LATERAL,
@@ -52,11 +48,13 @@ from knee_contact_ros.streams.topics import (
     is_lateral,
     knee_name,
 )
-from knee_contact_ros.streams.watch import Doubts, doubts_about
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import check_distinct, parameter_file
-from knee_contact_ros.system.progress import Bar
-from knee_contact_ros.system.terminal import warn
+from ...streams.watch import Doubts, doubts_about
+from ...system.errors import UsageError
+from ...system.files import check_distinct, parameter_file
+from ...system.progress import Bar
+from ...system.terminal import warn
+from ..uncertainty import Propagated, read_uncertain_gait
+from .gathered import ANSWER_FIELDS, Gathered
 
 GivenParameters = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""

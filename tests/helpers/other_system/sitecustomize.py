@@ -6,8 +6,6 @@ renamed, replaced or deleted; renaming replaces no file; nobody may make links; 
 temporary file has a name. A text file must name its encoding.
 """
 
-from __future__ import annotations
-
 import builtins
 import errno
 import json
@@ -16,7 +14,6 @@ import sys
 import tempfile
 import types
 import warnings
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -30,35 +27,35 @@ FAR = 1 << 31
 class Lacking(types.ModuleType):
     """A module without some of its names, and with others in their place."""
 
-    def __init__(self, real: types.ModuleType, absent: set[str], own: dict[str, Any]) -> None:
+    def __init__(self, real, absent, own):
         super().__init__(real.__name__)
         vars(self).update(_real=real, _absent=absent, **own)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         if name in self._absent:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r} here")
         return getattr(self._real, name)
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name, value):
         setattr(self._real, name, value)
 
 
-def of_package(name: str | None) -> bool:
+def of_package(name):
     return bool(name) and (name == PACKAGE or str(name).startswith(f"{PACKAGE}."))
 
 
-def called_by_package() -> bool:
+def called_by_package():
     frame = sys._getframe(1)
     while frame and frame.f_globals.get("__name__") in LIBRARIES:
         frame = frame.f_back  # type: ignore[assignment]
     return bool(frame) and of_package(frame.f_globals.get("__name__"))
 
 
-def refusal(number: int, path: Any) -> OSError:
+def refusal(number, path):
     return OSError(number, os.strerror(number), os.fspath(path))
 
 
-def open_files() -> Iterator[os.stat_result]:
+def open_files():
     """Yield what this process has open."""
     with os.scandir("/proc/self/fd") as entries:
         for each in entries:
@@ -66,7 +63,7 @@ def open_files() -> Iterator[os.stat_result]:
                 yield os.stat(each)  # noqa: PTH116
 
 
-def check_closed(path: Any, folder: int | None = None) -> None:
+def check_closed(path, folder=None):
     """Refuse a file that is open, or a folder with one in it."""
     with suppress(FileNotFoundError):
         own = os.stat(path, dir_fd=folder, follow_symlinks=False)
@@ -78,10 +75,10 @@ def check_closed(path: Any, folder: int | None = None) -> None:
             raise refusal(errno.EACCES, path)
 
 
-def on_windows(function: Callable[..., Any], targets: bool, replaces: bool) -> Callable[..., Any]:
+def on_windows(function, targets, replaces):
     """Return a function that removes or renames as Windows lets it."""
 
-    def refused(path: Any, *others: Any, dir_fd: int | None = None, **more: Any) -> Any:
+    def refused(path, *others, dir_fd=None, **more):
         if called_by_package():
             check_closed(path, dir_fd)
             if targets and os.path.lexists(others[0]):
@@ -95,8 +92,8 @@ def on_windows(function: Callable[..., Any], targets: bool, replaces: bool) -> C
     return refused
 
 
-def no_link(function: Callable[..., Any]) -> Callable[..., Any]:
-    def refused(source: Any, target: Any, *others: Any, **more: Any) -> Any:
+def no_link(function):
+    def refused(source, target, *others, **more):
         if called_by_package():
             raise refusal(errno.EPERM, target)
         return function(source, target, *others, **more)
@@ -104,17 +101,17 @@ def no_link(function: Callable[..., Any]) -> Callable[..., Any]:
     return refused
 
 
-def open_no_folder(path: Any, *others: Any, **more: Any) -> int:
+def open_no_folder(path, *others, **more):
     if os.path.isdir(path):  # noqa: PTH112
         raise refusal(errno.EACCES, path)
     return os.open(path, *others, **more)
 
 
-def fake_msvcrt() -> types.ModuleType:
+def fake_msvcrt():
     """Return a stand-in for Windows' locks of bytes, which also keep others from reading."""
     import fcntl
 
-    def locking(descriptor: int, mode: int, number: int) -> None:
+    def locking(descriptor, mode, number):
         assert (mode, number) == (module.LK_NBLCK, 1)
         assert os.lseek(descriptor, 0, os.SEEK_CUR) >= FAR, "the locked byte cannot be read"
         try:
@@ -127,7 +124,7 @@ def fake_msvcrt() -> types.ModuleType:
     return module  # type: ignore[no-any-return]
 
 
-def hide(system: str, lacking: dict[str, list[str]], absent: list[str]) -> None:
+def hide(system, lacking, absent):
     """Hide names of modules, and modules, from the package."""
     own: dict[str, dict[str, Any]] = {"sys": {"platform": system}}
     msvcrt = fake_msvcrt()  # which tells libraries that this is Windows
@@ -136,7 +133,7 @@ def hide(system: str, lacking: dict[str, list[str]], absent: list[str]) -> None:
     real_import = builtins.__import__
     proxies: dict[str, types.ModuleType] = {}
 
-    def import_(name: str, globals_: Any = None, *others: Any, **more: Any) -> Any:
+    def import_(name, globals_=None, *others, **more):
         if not of_package((globals_ or {}).get("__name__")):
             return real_import(name, globals_, *others, **more)
         top = name.partition(".")[0]
@@ -154,7 +151,7 @@ def hide(system: str, lacking: dict[str, list[str]], absent: list[str]) -> None:
     builtins.__import__ = import_
 
 
-def become(system: str, lacking: dict[str, list[str]], absent: list[str]) -> None:
+def become(system, lacking, absent):
     if system == "win32":
         tempfile.TemporaryFile = tempfile.NamedTemporaryFile  # type: ignore[assignment]
         for names, targets, replaces in (

@@ -1,11 +1,6 @@
 """Made trials of a leg: sensors of a walking or standing person, and what a knee with known constants bears."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Collection
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +29,7 @@ REFERENCE = f"/{JOINT_REACTION_FORCE}"
 WEIGHT = 70.0 * 9.80665
 
 
-def noise(count: int, seed: int, correlation: float = 0.0, size: float = NOISE) -> Floats:
+def noise(count, seed, correlation=0.0, size=NOISE):
     """Of a normal distribution, each like the one before as far as `correlation` says."""
     drawn = np.random.default_rng(seed).standard_normal(count)
     for place in range(1, count):
@@ -44,7 +39,7 @@ def noise(count: int, seed: int, correlation: float = 0.0, size: float = NOISE) 
     return size * drawn
 
 
-def sensors(stamp: int, standing: bool) -> tuple[JointState, WrenchStamped]:
+def sensors(stamp, standing):
     """Hip, knee and ankle, and a wrench that goes forward under the foot, of a person who walks or stands still."""
     phase = ((stamp - EPOCH) * 1e-9 / STRIDE) % 1.0
     turn = math.tau * phase
@@ -63,15 +58,15 @@ def sensors(stamp: int, standing: bool) -> tuple[JointState, WrenchStamped]:
 
 
 def write_sensors(
-    path: Path,
-    count: int,
-    reference: dict[int, float] | None = None,
+    path,
+    count,
+    reference=None,
     *,
-    standing: bool = False,
-    topic: str = REFERENCE,
-    namespace: str = "",
-    without_angle: Collection[int] = (),
-) -> Path:
+    standing=False,
+    topic=REFERENCE,
+    namespace="",
+    without_angle=(),
+):
     """A bag; `reference` are axial forces [N] by stamps, on `topic`."""
     with BagWriter(path, alone=True) as writer:
         for name in LOAD_INPUTS:
@@ -90,15 +85,15 @@ def write_sensors(
 
 
 def trial(
-    folder: Path,
-    seed: int = 0,
-    *params: Any,
-    count: int = 400,
-    correlation: float = 0.0,
-    size: float = NOISE,
-    standing: bool = False,
-    **more: Any,
-) -> Path:
+    folder,
+    seed=0,
+    *params,
+    count=400,
+    correlation=0.0,
+    size=NOISE,
+    standing=False,
+    **more,
+):
     """A bag with what the knee bears, by the load pipeline's own answer with the true constants, and noise [N]."""
     bag = write_sensors(folder / "true.mcap", count, standing=standing)
     true = estimate_load(bag, [*params, {**BODY, **TRUE}])

@@ -1,10 +1,6 @@
 """`knee_contact_ros.calibrate` and the command on tables: the truth is found, or it is told why not."""
 
-from __future__ import annotations
-
 import hashlib
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,22 +15,20 @@ STIFFNESS, DAMPING = FREE = ["contact.stiffness", "contact.damping"]
 GOOD = "time,flexion_angle,load,penetration_depth\n"
 
 
-def fitted(
-    table: Any, free: Any = FREE, values: dict[str, Any] | None = None, **options: Any
-) -> Any:
+def fitted(table, free=FREE, values=None, **options):
     return calibrate(table, "healthy", free, {**START, **(values or {})}, compiled=True, **options)
 
 
-def warns(found: Any, *words: str) -> bool:
+def warns(found, *words):
     """Whether a warning has all these words."""
     return any(all(each in warning for each in words) for warning in found.warnings)
 
 
-def holds(found: Any, name: str, true: float) -> bool:
+def holds(found, name, true):
     return bool(found.intervals[name].low < true < found.intervals[name].high)
 
 
-def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
+def test_the_truth_is_found_within_its_intervals_and_with_its_noise():
     # One in twenty may fail; P(more than 1 of 6) is 3 %, and the seeds are fixed; `studies.calibration` counts more.
     missed = 0
     for seed in range(3):
@@ -50,7 +44,7 @@ def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
     assert missed <= 1
 
 
-def test_without_noise_the_truth_itself_is_found_and_models_take_it() -> None:
+def test_without_noise_the_truth_itself_is_found_and_models_take_it():
     table = trial(0, noise=0.0)
     found = fitted(table, with_intervals=False)
     assert found.values[STIFFNESS] == pytest.approx(
@@ -68,7 +62,7 @@ def test_without_noise_the_truth_itself_is_found_and_models_take_it() -> None:
     assert repr(found).startswith("<Calibration: contact.stiffness=")
 
 
-def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
+def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken():
     table, true = trial(2), {DAMPING: 4000.0}
     half, most = (
         fitted(table, [STIFFNESS], true, level=level).intervals[STIFFNESS] for level in (0.5, 0.99)
@@ -83,7 +77,7 @@ def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
         assert warns(found, "times the given noise", words)
 
 
-def test_outliers_move_a_robust_fit_less() -> None:
+def test_outliers_move_a_robust_fit_less():
     table = trial(3)
     table["penetration_depth"][::25] += 2e-4
     off = {
@@ -98,7 +92,7 @@ def test_outliers_move_a_robust_fit_less() -> None:
     assert holds(fitted(table, [STIFFNESS], {DAMPING: 4000.0}, loss="huber"), STIFFNESS, 7.0e7)
 
 
-def test_force_depth_and_gap_are_measured_where_they_are() -> None:
+def test_force_depth_and_gap_are_measured_where_they_are():
     load = {"least": -60.0, "most": 700.0}  # it parts and lands
     true = answers(**load)
     time, angle, force = inputs(**load)
@@ -121,9 +115,7 @@ def test_force_depth_and_gap_are_measured_where_they_are() -> None:
     assert found.noise["contact_force"] == pytest.approx(4.0, rel=0.4)
 
 
-def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_height_is_prescribed() -> (
-    None
-):
+def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_height_is_prescribed():
     table = trial(5)
     table["axial_load"] = table.pop("load") / 0.6
     found = fitted(table, ["load.share"], TRUE)
@@ -149,9 +141,7 @@ def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_heigh
     ("least", "most", "advice"),
     [(690.0, 710.0, "cannot tell them apart"), (20.0, 2000.0, "never one of them alone")],
 )
-def test_parameters_that_trade_off_lead_to_a_warning_that_says_how(
-    least: float, most: float, advice: str
-) -> None:
+def test_parameters_that_trade_off_lead_to_a_warning_that_says_how(least, most, advice):
     found = fitted(trial(7, least=least, most=most), [STIFFNESS, "contact.exponent"], TRUE)
     assert warns(
         found,
@@ -161,7 +151,7 @@ def test_parameters_that_trade_off_lead_to_a_warning_that_says_how(
     assert found.correlation[0, 1] > 0.95
 
 
-def test_open_intervals_ends_of_ranges_and_correlated_residuals_lead_to_warnings() -> None:
+def test_open_intervals_ends_of_ranges_and_correlated_residuals_lead_to_warnings():
     found = fitted(
         trial(8, noise=2e-5), {STIFFNESS: None, DAMPING: (1.0, 20000.0)}, {DAMPING: 4000.0}
     )
@@ -177,9 +167,7 @@ def test_open_intervals_ends_of_ranges_and_correlated_residuals_lead_to_warnings
     assert warns(at_end, "the fit lies at the end of its range, 8e+07")
 
 
-def test_the_command_writes_parameters_that_others_take(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_parameters_that_others_take(tmp_path, capsys):
     table, output = written(tmp_path / "trial.csv", trial(1)), tmp_path / "fitted.yaml"
     start = " ".join(f"-p {name}:={value}" for name, value in START.items())
     free = f"--free {STIFFNESS} --free {DAMPING}=100:20000"
@@ -240,12 +228,12 @@ DAMAGED_TABLES = {
     + [(f"--free {DAMPING}", *case) for case in DAMAGED_TABLES.items()],
 )
 def test_wrong_options_and_damaged_tables_are_one_line(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    options: str,
-    content: str | None,
-    reason: str,
-) -> None:
+    tmp_path,
+    capsys,
+    options,
+    content,
+    reason,
+):
     table = written(tmp_path / "trial.csv", trial(1))
     if content is not None:
         table.write_text(content, encoding="latin-1")
@@ -256,7 +244,7 @@ def test_wrong_options_and_damaged_tables_are_one_line(
     assert list(tmp_path.iterdir()) == [table]
 
 
-def test_an_unknown_unit_leads_to_a_warning(tmp_path: Path) -> None:
+def test_an_unknown_unit_leads_to_a_warning(tmp_path):
     table = tmp_path / "trial.csv"
     table.write_text(f"{GOOD}sec,Radians,widgets,M\n0,0,1,1e-4\n1,0,1,1e-4\n")
     with pytest.warns(
@@ -265,7 +253,7 @@ def test_an_unknown_unit_leads_to_a_warning(tmp_path: Path) -> None:
         assert read_measured(table, "force").load.tolist() == [1.0, 1.0]
 
 
-def test_python_names_its_arguments() -> None:
+def test_python_names_its_arguments():
     for free, more, options, words in (
         (["contact.dampin"], {}, {}, r"^free contact\.dampin: it is not a parameter"),
         ([DAMPING], {}, {"sigma": {"gap": 1.0}}, r"^sigma gap: it was not measured"),

@@ -1,7 +1,5 @@
 """Intervals of small problems whose answers are known, and of a cost that is not smooth."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 
@@ -10,9 +8,8 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate
 from knee_contact_ros.lab.calibrate.fit import Data, Fit, FitProblem
-from knee_contact_ros.lab.calibrate.intervals import Intervals, find_intervals
+from knee_contact_ros.lab.calibrate.intervals import find_intervals
 from knee_contact_ros.lab.calibrate.unknowns import Unknown
-from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.progress import no_progress
 from tests.lab.calibrate.trials import START, trial
 
@@ -25,11 +22,11 @@ class OneColumn(FitProblem):
 
     answer: Callable[[float], float]
 
-    def answers(self, values: dict[str, float]) -> dict[str, Floats]:
+    def answers(self, values):
         return {"gap": np.full(len(MEASURED), self.answer(values["a"]))}
 
 
-def intervals_of(answer: Callable[[float], float]) -> tuple[float, Intervals]:
+def intervals_of(answer):
     """The fitted value, and its interval where the noise is known."""
     unknown = Unknown("a", 2.5, 1.0, 4.0, "", 1.0)
     problem = OneColumn(Data("table", "", {"gap": MEASURED}), (unknown,))
@@ -38,7 +35,7 @@ def intervals_of(answer: Callable[[float], float]) -> tuple[float, Intervals]:
     return fit.values()["a"], find_intervals(fit, 0.95, no_progress)
 
 
-def test_the_interval_of_a_mean_is_that_of_the_normal_distribution() -> None:
+def test_the_interval_of_a_mean_is_that_of_the_normal_distribution():
     value, found = intervals_of(lambda a: a)
     ((low, high, *opened),) = found.intervals
     assert value == pytest.approx(MEASURED.mean(), rel=1e-6)
@@ -48,20 +45,20 @@ def test_the_interval_of_a_mean_is_that_of_the_normal_distribution() -> None:
     assert (opened, found.better, found.failed) == ([False, False], None, False)
 
 
-def test_an_end_beyond_the_range_is_open() -> None:
+def test_an_end_beyond_the_range_is_open():
     _, found = intervals_of(lambda a: 2.0 + 1e-3 * a)
     assert found.intervals[0] == (1.0, 4.0, True, True)
     assert not found.failed
 
 
-def test_a_lower_cost_beside_the_fit_is_found() -> None:
+def test_a_lower_cost_beside_the_fit_is_found():
     """The search ends where the answer stands still; behind a step it fits better."""
     _, found = intervals_of(lambda a: MEASURED.mean() + 0.02 * (a < 2.9) + 1e-3 * (a - 3.0))
     assert found.better is not None
     assert found.better[0] > 2.9
 
 
-def test_intervals_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_intervals_need_a_library(monkeypatch):
     monkeypatch.setitem(sys.modules, "iminuit", None)
     with pytest.raises(UsageError, match=r"iminuit is not installed; .*\[calibrate\]"):
         calibrate(trial(1), ["healthy", START], [*START])

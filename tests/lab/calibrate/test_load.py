@@ -1,10 +1,7 @@
 """`knee-contact calibrate BAG`: a person's constants of the load estimate are found, or it is told why not."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,12 +18,12 @@ TONE = "person.tone"
 BODY_OPTIONS = " ".join(f"-p {name}:={value}" for name, value in BODY.items())
 
 
-def fitted(bag: Path, free: Any = FREE, *params: Any, **options: Any) -> Any:
+def fitted(bag, free=FREE, *params, **options):
     return calibrate(bag, [*params, BODY], free, starts=1, **options)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_the_truth_is_found_within_its_intervals(tmp_path: Path, correlation: float) -> None:
+def test_the_truth_is_found_within_its_intervals(tmp_path, correlation):
     # Of 6 one in twenty may fail; P(more than 1) is 3 %, and the seeds are fixed. Without counting the samples as
     # fewer, about half of those with correlated noise would. `studies.calibration` counts thousands.
     missed = 0
@@ -45,7 +42,7 @@ def test_the_truth_is_found_within_its_intervals(tmp_path: Path, correlation: fl
 
 
 @pytest.mark.parametrize("level", ["ground_force", "knee_moment", "ankle_moment"])
-def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str) -> None:
+def test_what_is_fitted_is_the_estimators_own_answer(tmp_path, level):
     how = ["load/inverse_dynamics", {"level": level}]
     bag = trial(tmp_path, 0, *how, size=0.0)
     found = fitted(bag, FREE, *how, with_intervals=False)
@@ -64,9 +61,7 @@ def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str)
     assert f"level {level}" in found.remarks[0]
 
 
-def test_each_of_several_bags_is_left_out_and_the_gain_is_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_of_several_bags_is_left_out_and_the_gain_is_reported(tmp_path, capsys):
     """Bags of one person whose noise differs: the file tells the error in a bag that was not fitted to."""
     bags = []
     for seed, size in ((5, 40.0), (6, 80.0)):
@@ -108,7 +103,7 @@ def test_each_of_several_bags_is_left_out_and_the_gain_is_reported(
     ]
 
 
-def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
+def test_mass_and_height_are_fitted_if_asked(tmp_path):
     how = ["load/inverse_dynamics"]
     bag = trial(tmp_path, 1, *how, size=1.0)
     found = fitted(bag, ["person.mass", "person.height"], *how, {**TRUE, "person.mass": 80.0})
@@ -118,8 +113,8 @@ def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
 
 
 def test_standing_still_determines_one_number_and_a_warning_names_what_trades_off(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     bag = trial(tmp_path, 2, standing=True)
     all_three = fitted(bag, with_intervals=False)
     pair = fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35}, with_intervals=False)
@@ -137,8 +132,8 @@ def test_standing_still_determines_one_number_and_a_warning_names_what_trades_of
 
 
 def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     true = fitted(
         trial(tmp_path, 3, size=0.0), [TONE], TRUE, with_intervals=False
     ).measured.answers[AXIAL]
@@ -161,9 +156,7 @@ def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(
     )  # interpolated over 30 ms, it is a bit off
 
 
-def test_the_command_writes_parameters_that_the_load_node_takes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_parameters_that_the_load_node_takes(tmp_path, capsys):
     bag, output = trial(tmp_path, 4, correlation=0.8), tmp_path / "me.yaml"
     free = " ".join(f"--free {name}" for name in FREE)
     command = f"calibrate {bag} --params load/insole {BODY_OPTIONS} {free} --starts 1"
@@ -201,7 +194,7 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
     assert "fitted to this person's knee" in capsys.readouterr().out
 
 
-def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_topics_may_have_other_names(tmp_path, capsys):
     bag = trial(tmp_path, 5, topic="/implant/force")
     options = f"--free {TONE} --starts 1 --no-intervals --output {tmp_path}/me.yaml --overwrite"
     assert run(f"calibrate {bag} {options}") == 2
@@ -222,9 +215,7 @@ def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert run(f"calibrate {bag} {options} --namespace left") == 0
 
 
-def test_an_estimate_of_our_own_is_no_reference(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_estimate_of_our_own_is_no_reference(tmp_path, capsys):
     bag = write_sensors(tmp_path / "sensors.mcap", 200)
     loads = tmp_path / "loads.mcap"
     assert run(f"estimate-load {bag} --output {loads}") == 0
@@ -273,12 +264,12 @@ CASES = [
 
 @pytest.mark.parametrize(("reference", "options", "reason"), CASES)
 def test_wrong_bags_and_options_are_one_line(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    reference: dict[int, float] | None,
-    options: str,
-    reason: str,
-) -> None:
+    tmp_path,
+    capsys,
+    reference,
+    options,
+    reason,
+):
     bag = write_sensors(tmp_path / "trial.mcap", 150, reference)
     assert run(f"calibrate {bag} --output {tmp_path}/me.yaml {options}") == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -286,7 +277,7 @@ def test_wrong_bags_and_options_are_one_line(
     assert list(tmp_path.iterdir()) == [bag]
 
 
-def test_python_names_its_argument(tmp_path: Path) -> None:
+def test_python_names_its_argument(tmp_path):
     bag = write_sensors(tmp_path / "trial.mcap", 150, WHOLE)
     with pytest.raises(UsageError, match=r"^free person\.ton: it is not a parameter"):
         calibrate(bag, None, ["person.ton"])

@@ -1,11 +1,7 @@
 """Made trials: what a knee with known parameters answers, with noise."""
 
-from __future__ import annotations
-
 import functools
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,21 +17,19 @@ NOISE = 3e-6
 
 
 @functools.cache
-def inputs(least: float = 100.0, most: float = 1500.0) -> tuple[Floats, Floats, Floats]:
+def inputs(least=100.0, most=1500.0):
     """Time [s], angle [rad] and load [N] of a second of pressing, quickly enough for the damping to count."""
     time = np.arange(200) * 5e-3
     part = 0.5 - 0.5 * np.cos(math.tau * 4.0 * time)
     return time, 0.3 + 0.2 * np.sin(math.tau * time), least + (most - least) * part
 
 
-def answers(values: dict[str, Any] | None = None, **limits: float) -> Any:
+def answers(values=None, **limits):
     """The true answers."""
     return load_model({**TRUE, **FINE, **(values or {})}, compiled=True).run(*inputs(**limits))
 
 
-def trial(
-    seed: int, noise: float = NOISE, values: dict[str, Any] | None = None, **limits: float
-) -> dict[str, Floats]:
+def trial(seed, noise=NOISE, values=None, **limits):
     """A table with the depth measured."""
     time, angle, load = inputs(**limits)
     depth = answers(values, **limits).penetration_depth + noise * np.random.default_rng(
@@ -44,7 +38,7 @@ def trial(
     return {"time": time, "flexion_angle": angle, "load": load, "penetration_depth": depth}
 
 
-def written(path: Path, table: dict[str, Floats]) -> Path:
+def written(path, table):
     """Its file; what is not a number is an empty cell."""
     rows = zip(*table.values(), strict=True)
     lines = [

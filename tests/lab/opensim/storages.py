@@ -1,10 +1,5 @@
 """Small files as OpenSim writes them, made by the tests: results, ground reactions, external loads, a model."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-
 import numpy as np
 
 from knee_contact_ros.system.errors import UsageError
@@ -38,9 +33,7 @@ STANDS = PLATE_TIME < 0.7
 """Then the foot is in the air"""
 
 
-def write_storage(
-    path: Path, time: np.ndarray, columns: Mapping[str, np.ndarray], degrees: str | None = None
-) -> Path:
+def write_storage(path, time, columns, degrees=None):
     """A file with these columns; `degrees` is the header's inDegrees, if it has one."""
     header = [path.stem, "version=1", f"nRows={len(time)}", f"nColumns={len(columns) + 1}"]
     header += [f"inDegrees={degrees}"] if degrees else []
@@ -53,18 +46,18 @@ def write_storage(
     return path
 
 
-def flexion(time: np.ndarray) -> np.ndarray:
+def flexion(time):
     """Like a walking knee's [rad]: from 3 to 63 degrees."""
     return np.radians(33.0 - 30.0 * np.cos(2.0 * np.pi * time / DURATION))
 
 
 def kinematics(
-    path: Path,
-    sign: float = -1.0,
-    unit: str = "deg",
-    header: str | None = "yes",
-    names: str = "knee_angle_{}",
-) -> Path:
+    path,
+    sign=-1.0,
+    unit="deg",
+    header="yes",
+    names="knee_angle_{}",
+):
     """Angles of both knees, the left one half a step later."""
     time = np.linspace(0.0, DURATION, 121)
     factor = np.degrees(1.0) if unit == "deg" else 1.0
@@ -76,7 +69,7 @@ def kinematics(
     return write_storage(path, time, hip | columns, header)
 
 
-def reaction_columns(time: np.ndarray, sign: float = 1.0) -> list[np.ndarray]:
+def reaction_columns(time, sign=1.0):
     """What acts on a tibia, one column an axis: two load peaks, and something on every other axis."""
     load = 900.0 + 900.0 * np.sin(2.0 * np.pi * time / DURATION) ** 2
     return [
@@ -86,13 +79,13 @@ def reaction_columns(time: np.ndarray, sign: float = 1.0) -> list[np.ndarray]:
 
 
 def reactions(
-    path: Path,
-    prefix: str = TIBIA,
-    sign: float = 1.0,
-    rows: int = 1201,
-    start: float = 0.0,
-    end: float = DURATION,
-) -> Path:
+    path,
+    prefix=TIBIA,
+    sign=1.0,
+    rows=1201,
+    start=0.0,
+    end=DURATION,
+):
     """Reactions of both knees, without points of application but zeros."""
     time = np.linspace(start, end, rows)
     values = [*reaction_columns(time, sign), *[np.zeros_like(time)] * 3]
@@ -104,7 +97,7 @@ def reactions(
     return write_storage(path, time, columns, "no")
 
 
-def plate(stem: str, torque: str = "", time: np.ndarray = PLATE_TIME) -> dict[str, np.ndarray]:
+def plate(stem, torque="", time=PLATE_TIME):
     """Columns of a plate that a foot stands on, 0.1 m ahead of the ankle; nothing of it is a number in the air."""
     forces, points = (50.0 + time, 700.0 - 100.0 * time, -40.0 + time), (0.5, 0.0, 0.12)
     columns = {
@@ -122,7 +115,7 @@ def plate(stem: str, torque: str = "", time: np.ndarray = PLATE_TIME) -> dict[st
     return columns | (free if torque else {})
 
 
-def write_plates(path: Path, *columns: Mapping[str, np.ndarray]) -> Path:
+def write_plates(path, *columns):
     """A .mot file with these plates."""
     return write_storage(
         path,
@@ -132,22 +125,18 @@ def write_plates(path: Path, *columns: Mapping[str, np.ndarray]) -> Path:
     )
 
 
-def external(
-    body: str, stem: str = "ground_force_", torque: str = "ground_torque_", more: str = ""
-) -> str:
+def external(body, stem="ground_force_", torque="ground_torque_", more=""):
     """An external force on a body."""
     return FORCE.format(body=body, stem=stem, torque=torque, more=more)
 
 
-def write_loads(path: Path, data: str, forces: Sequence[str]) -> Path:
+def write_loads(path, data, forces):
     """An external loads file."""
     path.write_text(LOADS.format("".join(forces), data))
     return path
 
 
-def write_model(
-    path: Path, joints: Sequence[tuple[str, str]] = (), bounds: str = "-2.0943951 0.17453293"
-) -> Path:
+def write_model(path, joints=(), bounds="-2.0943951 0.17453293"):
     """A model's file of 72.6 kg, as far as names of joints and coordinates go: those of both legs, or these."""
     both = [(f"{joint}_{side}", f"{angle}_{side}") for side in "rl" for joint, angle in JOINTS]
     path.write_text(
@@ -156,7 +145,7 @@ def write_model(
     return path
 
 
-def outcome(function: Callable[..., object], *arguments: object) -> object:
+def outcome(function, *arguments):
     """What comes of it, or the words of a refusal."""
     try:
         return function(*arguments)

@@ -1,9 +1,6 @@
 """OpenSim itself, on its gait2354 example: tests that need the package and the example, and say so where they lack."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +15,6 @@ from knee_contact_ros.lab.opensim.results import AXES, ImportSettings
 from knee_contact_ros.lab.opensim.run import run_python
 from knee_contact_ros.lab.opensim.setups import Setup, dynamics_setup, read_setup
 from knee_contact_ros.lab.tables import read_storage
-from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -50,7 +46,7 @@ and 1.4 and 1.4 at the ankle, of 57 and 42."""
 
 
 @pytest.fixture
-def example(reference_data: Path, tmp_path: Path) -> Path:
+def example(reference_data, tmp_path):
     """The example without residual reduction, over a tenth of a second."""
     folder = tmp_path / "example"
     shutil.copytree(reference_data / "opensim_gait2354", folder, copy_function=shutil.copyfile)
@@ -70,12 +66,12 @@ def example(reference_data: Path, tmp_path: Path) -> Path:
     return folder
 
 
-def run_tool(tool: str, setup: str, folder: Path) -> None:
+def run_tool(tool, setup, folder):
     assert run_python(child.__name__, (tool, setup), folder, folder / "log") == 0
 
 
 @pytest.fixture
-def scaled(example: Path) -> Path:
+def scaled(example):
     """The example with the subject's model, subject01_simbody.osim."""
     run_tool("ScaleTool", "subject01_Setup_Scale.xml", example)
     return example
@@ -90,9 +86,7 @@ REACTION = """<JointReaction name="{0}_{1}"><joint_names>knee_{2}</joint_names><
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_reactions_in_other_frames_are_turned_as_opensim_does(
-    reference_data: Path, tmp_path: Path, side: str
-) -> None:
+def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data, tmp_path, side):
     """Against what JointReaction itself says of the tibia in its frame, in the same run."""
     example, frames = reference_data / "opensim_gait2354", ("child", "parent", "ground")
     kinds = [(body, frame) for body in ("child", "parent") for frame in frames]
@@ -116,9 +110,7 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(
         np.testing.assert_allclose(wrench, ours, rtol=0.0, atol=0.01, err_msg=f"{kind} [N, N m]")
 
 
-def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(
-    reference_data: Path, tmp_path: Path
-) -> None:
+def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(reference_data, tmp_path):
     """What OpenSim says of the tibia, told by two bodies on it that are turned and lie beside its axis."""
     import opensim
 
@@ -169,9 +161,7 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(
         read_knee("right", parts_of._replace(model=None), ImportSettings(), tmp_path)
 
 
-def test_a_model_needs_all_coordinates_between_two_frames(
-    reference_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_model_needs_all_coordinates_between_two_frames(reference_data, tmp_path, capsys):
     """Ground needs the whole leg and the pelvis; Moco's reactions are in ground."""
     example = reference_data / "opensim_gait2354"
     kinematics = read_storage(example / KINEMATICS)
@@ -214,18 +204,18 @@ def test_a_model_needs_all_coordinates_between_two_frames(
     np.testing.assert_allclose(size, 700.0 * np.sqrt(3.0), atol=1e-6)
 
 
-def command(folder: Path, output: Path, *more: str) -> list[str]:
+def command(folder, output, *more):
     return ["import-opensim", f"--setup={folder}", "--side=right", f"--output={output}", *more]
 
 
-def of_results(folder: Path, ground: Path, output: Path) -> list[str]:
+def of_results(folder, ground, output):
     names = {"kinematics": folder / KINEMATICS, "reactions": folder / REACTIONS}
     names |= {"model": folder / "subject01_simbody.osim", "ground": ground, "output": output}
     options = [f"--{name}={path}" for name, path in names.items()]
     return ["import-opensim", *options, "--side=both"]
 
 
-def loads_in(bag: Path) -> list[float]:
+def loads_in(bag):
     """Axial loads [N]."""
     return [
         -m.message.wrench.force.y
@@ -234,9 +224,7 @@ def loads_in(bag: Path) -> list[float]:
     ]
 
 
-def test_scaling_kinematics_and_static_optimization_make_a_bag(
-    example: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_scaling_kinematics_and_static_optimization_make_a_bag(example, tmp_path, capsys):
     before = {path: path.stat().st_mtime_ns for path in example.rglob("*")}
     bag, work = tmp_path / "walk", tmp_path / "work"
     assert main(command(example, bag, *QUICK, "--work", str(work), "--ground")) == 0
@@ -273,9 +261,7 @@ def test_scaling_kinematics_and_static_optimization_make_a_bag(
     assert all(450.0 < wrench.force.y < 850.0 and wrench.torque.z > 0.0 for wrench in wrenches)
 
 
-def test_a_step_that_fails_leaves_nothing_and_says_why(
-    example: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_step_that_fails_leaves_nothing_and_says_why(example, tmp_path, capsys):
     cmc, markers = example / "subject01_Setup_CMC.xml", example / "subject01_walk1.trc"
     whole = cmc.read_text()
     cmc.write_text(whole.replace(f" {LOADS} ", ""))
@@ -290,7 +276,7 @@ def test_a_step_that_fails_leaves_nothing_and_says_why(
     assert not (tmp_path / "walk").exists()
 
 
-def moments(folder: Path) -> Path:
+def moments(folder):
     """Net joint moments by OpenSim's inverse dynamics."""
     base = read_setup(folder / "subject01_Setup_CMC.xml")
     assert isinstance(base, Setup)
@@ -299,9 +285,7 @@ def moments(folder: Path) -> Path:
     return folder / setup.results / "moments.sto"
 
 
-def estimated(
-    bag: Path, config: Path, output: Path
-) -> tuple[LoadSummary, dict[int, LoadEstimateFields]]:
+def estimated(bag, config, output):
     """What there is to say of a bag's estimates, and these by their stamps [ns]."""
     parameters = load_parameters(
         [config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters
@@ -316,8 +300,8 @@ def estimated(
 
 
 def test_the_load_node_finds_opensims_net_moments_and_its_load_takes_the_place(
-    scaled: Path, config: Path, tmp_path: Path
-) -> None:
+    scaled, config, tmp_path
+):
     assert main(of_results(scaled, scaled / LOADS, tmp_path / "walk")) == 0
     by_opensim, reactions = read_storage(moments(scaled)), read_storage(scaled / REACTIONS)
     for side in ("right", "left"):

@@ -1,9 +1,6 @@
 """`knee-contact import-opensim` as a person runs it: bags, what is printed, and what it says of bad input."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,21 +24,19 @@ from tests.lab.opensim.storages import (
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> list[str]:
+def results(tmp_path):
     q, jr = kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto")
     return ["import-opensim", "--kinematics", str(q), "--reactions", str(jr)]
 
 
-def origin(bag: Path) -> dict[str, str]:
+def origin(bag):
     (path,) = bag.glob("*.mcap")
     with path.open("rb") as file:
         records = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
     return records["origin"]
 
 
-def test_a_bag_comes_out_that_solve_takes(
-    results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_comes_out_that_solve_takes(results, tmp_path, capsys):
     bag = tmp_path / "walk"
     assert main([*results, "--side", "right", "--output", str(bag)]) == 0
     said = capsys.readouterr().out
@@ -66,9 +61,7 @@ def test_a_bag_comes_out_that_solve_takes(
     assert summary.peaks["load"].load == pytest.approx(900.0, rel=1e-9)
 
 
-def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(
-    results: list[str], tmp_path: Path
-) -> None:
+def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results, tmp_path):
     bags = [tmp_path / name / "walk" for name in ("a", "b")]
     for bag in bags:
         bag.parent.mkdir()
@@ -85,15 +78,13 @@ def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(
     assert (bags[0] / "walk_0.mcap").read_bytes() == (bags[1] / "walk_0.mcap").read_bytes()
 
 
-def test_both_sides_are_two_bags(results: list[str], tmp_path: Path) -> None:
+def test_both_sides_are_two_bags(results, tmp_path):
     assert main([*results, "--side", "both", "--output", str(tmp_path / "walk")]) == 0
     assert sorted(path.name for path in tmp_path.glob("walk*")) == ["walk_left", "walk_right"]
     assert origin(tmp_path / "walk_left")["side"] == "left"
 
 
-def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
-    results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(results, tmp_path, capsys):
     bag = tmp_path / "walk"
     arguments = [*results, "--side", "right", "--output", str(bag)]
     assert main(arguments) == 0
@@ -162,13 +153,13 @@ LATE = "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    results: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: str,
-    says: str,
-) -> None:
+    results,
+    tmp_path,
+    monkeypatch,
+    capsys,
+    arguments,
+    says,
+):
     """As if OpenSim were installed, or, without, with a line that says what to install."""
     monkeypatch.chdir(tmp_path)
     write_model(tmp_path / "m.osim")

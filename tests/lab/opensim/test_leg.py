@@ -1,10 +1,7 @@
 """`import-opensim --ground` without OpenSim itself: where the leg is, the tests say; test_by_opensim.py asks it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.opensim import leg
 from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, read_ground
 from knee_contact_ros.lab.opensim.setups import data_file
-from knee_contact_ros.lab.tables import Table, read_storage
+from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim.storages import (
@@ -44,13 +41,13 @@ FOUND = FootForce("ground_force_v", "ground_force_p", "ground_torque_")
 OTHER = FootForce(*(f"1_{name}" for name in FOUND))
 
 
-def expected() -> np.ndarray:
+def expected():
     """Wrench of a plate about the ankle."""
     force = np.column_stack([50.0 + PLATE_TIME, 700.0 - 100.0 * PLATE_TIME, -40.0 + PLATE_TIME])
     return np.hstack([force, np.cross(ARM, force) + np.array(FREE)]) * STANDS[:, None]
 
 
-def ground(tmp_path: Path, **changed: np.ndarray) -> GroundFile:
+def ground(tmp_path, **changed):
     """A right foot's plate."""
     path = write_plates(
         tmp_path / "grf.mot", plate("ground_force_r_", "ground_torque_r_") | changed
@@ -60,7 +57,7 @@ def ground(tmp_path: Path, **changed: np.ndarray) -> GroundFile:
 
 
 @pytest.fixture
-def data(tmp_path: Path) -> Path:
+def data(tmp_path):
     """Two plates by the names of OpenSim's examples."""
     return write_plates(
         tmp_path / "grf.mot",
@@ -68,7 +65,7 @@ def data(tmp_path: Path) -> Path:
     )
 
 
-def test_external_loads_say_which_force_is_on_which_foot(data: Path) -> None:
+def test_external_loads_say_which_force_is_on_which_foot(data):
     forces = [external("/bodyset/calcn_l"), external("calcn_r", **LEFT), external("pelvis")]
     loads = write_loads(data.parent / "grf.xml", " grf.mot ", forces)
     for side, force in (("right", OTHER), ("left", FOUND)):
@@ -84,7 +81,7 @@ def test_external_loads_say_which_force_is_on_which_foot(data: Path) -> None:
     assert read_ground(loads, data, "right").forces == (FOUND._replace(torque=""), OTHER)
 
 
-def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> None:
+def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data):
     (data.parent / "loads").mkdir()
     loads = write_loads(data.parent / "loads" / "grf.xml", "grf.mot", [external("calcn_r")])
     with pytest.raises(
@@ -129,9 +126,7 @@ PLATES = [
 
 
 @pytest.mark.parametrize(("stems", "torques", "found"), PLATES)
-def test_names_of_columns_tell_the_foot_or_it_is_asked_for(
-    tmp_path: Path, stems: Any, torques: Any, found: Any
-) -> None:
+def test_names_of_columns_tell_the_foot_or_it_is_asked_for(tmp_path, stems, torques, found):
     data = write_plates(tmp_path / "grf.mot", *map(plate, stems, torques))
     if isinstance(found, str):
         assert re.search(found, str(outcome(read_ground, data, data, "right")))
@@ -141,7 +136,7 @@ def test_names_of_columns_tell_the_foot_or_it_is_asked_for(
         assert read_ground(data, data, side).forces == (force,)
 
 
-def test_an_identifier_may_be_the_beginning_of_three_names(data: Path) -> None:
+def test_an_identifier_may_be_the_beginning_of_three_names(data):
     """Of a moment it is `1_ground_t` here; of a force and its point together it would not be clear, as for OpenSim."""
     force = external("calcn_r", **LEFT).replace("1_ground_torque_<", "1_ground_t<")
     assert "1_ground_t<" in force
@@ -150,7 +145,7 @@ def test_an_identifier_may_be_the_beginning_of_three_names(data: Path) -> None:
 
 
 @pytest.mark.parametrize(("force", "says"), REFUSED_LOADS)
-def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> None:
+def test_loads_that_cannot_be_are_refused(data, force, says):
     loads = write_loads(data.parent / "grf.xml", "grf.mot", [force])
     assert says in (refused := str(outcome(read_ground, loads, data, "right")))
     assert "\n" not in refused
@@ -166,9 +161,7 @@ def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> 
         },
     ],
 )
-def test_the_torque_is_about_the_ankle_and_nothing_acts_in_the_air(
-    tmp_path: Path, noise: dict[str, np.ndarray]
-) -> None:
+def test_the_torque_is_about_the_ankle_and_nothing_acts_in_the_air(tmp_path, noise):
     """Also where a plate tells no centre of pressure and a free moment all the same, or a few N anywhere."""
     told = leg.about_ankle(
         ground(tmp_path, **{f"ground_force_r_{axis}": v for axis, v in noise.items()}), ANKLE
@@ -177,7 +170,7 @@ def test_the_torque_is_about_the_ankle_and_nothing_acts_in_the_air(
     assert not told.values[~STANDS].any()
 
 
-def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
+def test_plates_below_one_foot_are_added(tmp_path):
     path = write_plates(tmp_path / "two.mot", plate("a_force_"), plate("b_force_", "b_torque_"))
     of_toes, of_heel = (
         FootForce("a_force_v", "a_force_p", ""),
@@ -219,17 +212,13 @@ def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_forces_that_cannot_act_on_this_foot_are_refused(
-    tmp_path: Path, axis: str, values: np.ndarray, says: str
-) -> None:
+def test_forces_that_cannot_act_on_this_foot_are_refused(tmp_path, axis, values, says):
     file = ground(tmp_path, **{f"ground_force_r_{axis}": values})
     with pytest.raises(UsageError, match=says):
         leg.about_ankle(leg.during(file, file.data.stamps), ANKLE)
 
 
-def stands_still(
-    table: Table, degrees: bool, model: Path, frames: list[tuple[str, str]], work: Path
-) -> leg.Frames:
+def stands_still(table, degrees, model, frames, work):
     """A leg whose knee is ahead of its hip, above the plate of `storages.plate`."""
     assert degrees
     assert work.is_dir()
@@ -246,7 +235,7 @@ def stands_still(
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> list[str]:
+def results(tmp_path):
     q, jr = kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto")
     return [
         "import-opensim",
@@ -258,7 +247,7 @@ def results(tmp_path: Path) -> list[str]:
 
 
 @pytest.fixture
-def loads(tmp_path: Path) -> list[str]:
+def loads(tmp_path):
     """Model and external loads, of which the right foot's plate is the second."""
     write_plates(tmp_path / "grf.mot", plate("ground_force_"), plate(**LEFT))
     xml = write_loads(
@@ -270,20 +259,18 @@ def loads(tmp_path: Path) -> list[str]:
 
 
 @pytest.fixture
-def by_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+def by_tests(monkeypatch):
     """As if OpenSim were installed."""
     monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
     monkeypatch.setattr(leg, "frames_of", stands_still)
 
 
-def numbers(wrench: object) -> list[float]:
+def numbers(wrench):
     return [getattr(vector, axis) for vector in (wrench.force, wrench.torque) for axis in "xyz"]  # type: ignore[attr-defined]
 
 
 @pytest.mark.usefixtures("by_tests")
-def test_the_bag_holds_the_values_of_the_legs_sensors(
-    results: list[str], loads: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_bag_holds_the_values_of_the_legs_sensors(results, loads, tmp_path, capsys):
     assert main([*results, *loads, "--side", "right"]) == 0
     said = capsys.readouterr().out
     for part in (
@@ -322,7 +309,7 @@ def test_the_bag_holds_the_values_of_the_legs_sensors(
 
 
 @pytest.mark.usefixtures("by_tests")
-def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: Path) -> None:
+def test_a_left_leg_is_mirrored(results, loads, tmp_path):
     assert main([*results, *loads, "--side", "left"]) == 0
     wrench = next(
         m.message.wrench
@@ -337,7 +324,7 @@ def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: 
     assert "ground: no free moment in the file" in notes
 
 
-def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:
+def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path):
     model = write_model(tmp_path / "m.osim")
     assert leg.leg_joints(model, "left", "knee_angle_l") == ["hip_l", "walker_knee_l", "ankle_l"]
     with pytest.raises(
@@ -352,7 +339,7 @@ def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path)
         leg.leg_joints(model, "right", "knee")
 
 
-def test_a_person_who_walks_elsewhere_is_refused() -> None:
+def test_a_person_who_walks_elsewhere_is_refused():
     checks.check_heading(np.array([[0.8, 0.0, 0.6]]), Path("q.sto"))
     with pytest.raises(
         UsageError, match=r"q\.sto: .* is -1, plausible is 0\.7 to 1: turn markers"

@@ -1,9 +1,5 @@
 """Set-up files and what comes of them, without OpenSim itself: test_by_opensim.py runs it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -34,7 +30,7 @@ STEPS = ["scale", "ik", "rra", "cmc"]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Set-up files and what they read; planning asks whether OpenSim is there, and needs nothing of it."""
     monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
     for name, text in SETUPS.items():
@@ -55,9 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (["cmc", "static"], "--steps cmc,static: one of cmc and static"),
     ],
 )
-def test_steps_run_in_their_order(
-    folder: Path, steps: list[str], planned: list[str] | str
-) -> None:
+def test_steps_run_in_their_order(folder, steps, planned):
     if isinstance(planned, str):
         with pytest.raises(UsageError, match=planned):
             plan([folder], steps)
@@ -104,16 +98,14 @@ def test_steps_run_in_their_order(
         ("scale.xml", "no xml", ["."], r"scale\.xml is not an OpenSim document"),
     ],
 )
-def test_set_up_files_that_cannot_be(
-    folder: Path, name: str, content: str, paths: list[str], says: str
-) -> None:
+def test_set_up_files_that_cannot_be(folder, name, content, paths, says):
     if name:
         (folder / name).write_text(content if content == "no xml" else f"<D>{content}</D>")
     with pytest.raises(UsageError, match=says):
         plan([folder / path for path in paths], STEPS)
 
 
-def test_set_up_files_in_several_folders(folder: Path) -> None:
+def test_set_up_files_in_several_folders(folder):
     for name in ("ik", "cmc"):
         (folder / name).mkdir()
         (folder / f"{name}.xml").rename(folder / name / f"{name}.xml")
@@ -142,7 +134,7 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
         ("", "it said nothing"),
     ],
 )
-def test_the_line_of_a_log_that_reports_a_failure(tmp_path: Path, log: str, words: str) -> None:
+def test_the_line_of_a_log_that_reports_a_failure(tmp_path, log, words):
     (tmp_path / "l").write_text(log)
     assert failure_in(tmp_path / "l") == words
 
@@ -170,14 +162,14 @@ JUDGED = {
 """Peak, limit and verdict"""
 
 
-def stored(path: Path, columns: dict[str, list[float]]) -> Path:
+def stored(path, columns):
     return write_storage(
         path, TIME, {name: np.array(column) for name, column in columns.items()}, "no"
     )
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> OpenSimRun:
+def run(tmp_path):
     """400 N and 500 N on the feet in the middle, centre of mass at 1 m; before and after it the ground presses more."""
     (tmp_path / "act.xml").write_text(ACTUATORS)
     (tmp_path / "grf.xml").write_text(LOADS)
@@ -224,7 +216,7 @@ def run(tmp_path: Path) -> OpenSimRun:
     return OpenSimRun(tmp_path, own[1], forces, tmp_path, moments, {}, own)
 
 
-def test_peaks_and_their_limits(run: OpenSimRun) -> None:
+def test_peaks_and_their_limits(run):
     found = assess(run)
     assert [check.name for check in found] == list(JUDGED)
     for check in found:
@@ -248,7 +240,7 @@ def test_peaks_and_their_limits(run: OpenSimRun) -> None:
     assert "ABOVE" not in said
 
 
-def test_a_run_that_cannot_be_judged_says_why(run: OpenSimRun) -> None:
+def test_a_run_that_cannot_be_judged_says_why(run):
     run.moments.unlink()
     with pytest.raises(UsageError, match=r"cannot read .*m\.sto"):
         assess(run)

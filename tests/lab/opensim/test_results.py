@@ -1,7 +1,5 @@
 """Results of OpenSim become a knee's gait in our units, signs and frames: recognised where clear, else asked for."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,6 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.lab.checks import angle_unit_of, flexion_sign_of
-from knee_contact_ros.lab.gait_bag import Gait
 from knee_contact_ros.lab.opensim import Files, read_knee
 from knee_contact_ros.lab.opensim.results import ImportSettings, angle_column, find_reactions
 from knee_contact_ros.lab.tables import Table, read_storage
@@ -36,33 +33,33 @@ RATE = np.radians(30.0) * 2.0 * np.pi / DURATION * np.sin(2.0 * np.pi * TIME / D
 """[rad/s] of `flexion`"""
 
 
-def table(names: list[str], values: tuple[float, ...] = (0.0,), degrees: Any = None) -> Table:
+def table(names, values=(0.0,), degrees=None):
     columns = np.tile(np.array(values)[:, None], len(names))
     return Table(Path("q.sto"), tuple(names), np.arange(len(values)), columns, degrees, 0)
 
 
-def knee(files: Files, side: str = "right", **settings: Any) -> Gait:
+def knee(files, side="right", **settings):
     return read_knee(side, files, ImportSettings(**settings), Path())
 
 
-def files(folder: Path, **options: Any) -> Files:
+def files(folder, **options):
     return Files(kinematics(folder / "q.sto", **options), reactions(folder / "jr.sto"))
 
 
-def angles(folder: Path, degrees: np.ndarray, time: np.ndarray = TIME, **more: Any) -> Path:
+def angles(folder, degrees, time=TIME, **more):
     """Kinematics of a right knee."""
     return write_storage(folder / "q.sto", time, {"knee_angle_r": degrees, **more}, "yes")
 
 
-def flexion_of(gait: Gait) -> np.ndarray:
+def flexion_of(gait):
     return gait.joints["knee"].values[:, 0]
 
 
-def load_of(gait: Gait) -> np.ndarray:
+def load_of(gait):
     return gait.wrenches["load"].values
 
 
-def times_of(gait: Gait) -> np.ndarray:
+def times_of(gait):
     """Times [s] of the angles."""
     return gait.joints["knee"].stamps * 1e-9
 
@@ -127,38 +124,32 @@ REACTIONS: list[tuple[list[str], str | None, list[str] | str]] = [
 """Joint, body and, if it is another one, frame of the reactions in a file; what is given; what is found or asked for"""
 
 
-def column(reaction: str, axis: str) -> str:
+def column(reaction, axis):
     joint, body, *frame = reaction.split()
     return f"{joint}_on_{body}_in_{frame[0] if frame else body}_{axis}"
 
 
 @pytest.mark.parametrize(("values", "header", "found"), UNITS)
-def test_the_unit_is_recognised_or_asked_for(
-    values: tuple[float, ...], header: bool | None, found: str
-) -> None:
+def test_the_unit_is_recognised_or_asked_for(values, header, found):
     given = table(["a"], values, header)
     assert re.search(found, str(outcome(angle_unit_of, given, "a", "auto")))
     assert angle_unit_of(given, "a", "rad") == "rad"
 
 
 @pytest.mark.parametrize(("degrees", "given", "bounds", "found"), SIGNS)
-def test_the_sign_is_that_to_which_it_goes_further(
-    degrees: Any, given: Any, bounds: Any, found: str
-) -> None:
+def test_the_sign_is_that_to_which_it_goes_further(degrees, given, bounds, found):
     assert re.search(
         found, str(outcome(flexion_sign_of, np.radians(degrees), "q.sto: a", given, bounds))
     )
 
 
 @pytest.mark.parametrize(("names", "side", "coordinate", "found"), ANGLES)
-def test_a_knees_angle_is_found(names: str, side: str, coordinate: str | None, found: str) -> None:
+def test_a_knees_angle_is_found(names, side, coordinate, found):
     assert re.search(found, str(outcome(angle_column, table(names.split()), side, coordinate)))
 
 
 @pytest.mark.parametrize(("there", "joint", "found"), REACTIONS)
-def test_the_knees_reaction_is_found_or_the_error_names_an_option(
-    there: list[str], joint: str | None, found: list[str] | str
-) -> None:
+def test_the_knees_reaction_is_found_or_the_error_names_an_option(there, joint, found):
     names = [column(each, axis) for each in (*OTHER_REACTIONS, *there) for axis in AXES[:6]]
     chosen: Any = outcome(find_reactions, table(names), "right", joint)
     if isinstance(found, str):
@@ -178,7 +169,7 @@ def test_the_knees_reaction_is_found_or_the_error_names_an_option(
         ),
     ],
 )
-def test_other_columns(names: list[str], found: str) -> None:
+def test_other_columns(names, found):
     assert re.search(found, str(outcome(find_reactions, table(names), "right", None)))
 
 
@@ -191,9 +182,7 @@ def test_other_columns(names: list[str], found: str) -> None:
         (-1.0, "deg", None, "knee_flexion_{}"),
     ],
 )
-def test_angles_come_out_in_rad_positive_in_flexion(
-    tmp_path: Path, sign: float, unit: str, header: str | None, names: str
-) -> None:
+def test_angles_come_out_in_rad_positive_in_flexion(tmp_path, sign, unit, header, names):
     gait = knee(files(tmp_path, sign=sign, unit=unit, header=header, names=names))
     angle, rate = gait.joints["knee"].values.T
     assert angle == pytest.approx(flexion(TIME), abs=DIGITS)
@@ -202,7 +191,7 @@ def test_angles_come_out_in_rad_positive_in_flexion(
     assert rate == pytest.approx(RATE, abs=0.08)
 
 
-def test_the_right_reaction_is_taken_as_it_is_and_the_left_one_mirrored(tmp_path: Path) -> None:
+def test_the_right_reaction_is_taken_as_it_is_and_the_left_one_mirrored(tmp_path):
     right, left = (knee(files(tmp_path), side) for side in ("right", "left"))
     expected = np.column_stack(reaction_columns(right.wrenches["load"].stamps * 1e-9))
     assert load_of(right) == pytest.approx(expected, abs=1e-9)
@@ -210,7 +199,7 @@ def test_the_right_reaction_is_taken_as_it_is_and_the_left_one_mirrored(tmp_path
     assert any("mirrored" in note for note in left.notes)
 
 
-def test_a_reaction_on_the_femur_is_turned_and_moved(tmp_path: Path) -> None:
+def test_a_reaction_on_the_femur_is_turned_and_moved(tmp_path):
     time = np.linspace(0.0, DURATION, 201)
     wrench = np.column_stack(reaction_columns(time))
     force, torque = np.hsplit(wrench, 2)
@@ -236,9 +225,7 @@ def test_a_reaction_on_the_femur_is_turned_and_moved(tmp_path: Path) -> None:
         (121, -1.0, "hip", "no rate of knee_angle_r"),
     ],
 )
-def test_rates_of_a_file_are_taken_if_they_are_the_angles(
-    tmp_path: Path, rows: int, factor: float, name: str, says: str
-) -> None:
+def test_rates_of_a_file_are_taken_if_they_are_the_angles(tmp_path, rows, factor, name, says):
     rates = {name: factor * np.degrees(RATE[:rows])}
     speeds = write_storage(tmp_path / "u.sto", TIME[:rows], rates, "yes")
     given = files(tmp_path)._replace(speeds=speeds)
@@ -249,7 +236,7 @@ def test_rates_of_a_file_are_taken_if_they_are_the_angles(
         assert knee(given).joints["knee"].values[:, 1] == pytest.approx(RATE, abs=DIGITS)
 
 
-def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path):
     jr = reactions(tmp_path / "jr.sto", rows=1501, end=1.5)
     given = Files(kinematics(tmp_path / "q.sto"), jr)
     gait = knee(given)
@@ -282,15 +269,13 @@ def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> 
         ),
     ],
 )
-def test_impossible_results_are_refused_in_a_line(
-    tmp_path: Path, reaction: dict[str, Any], settings: dict[str, Any], says: str
-) -> None:
+def test_impossible_results_are_refused_in_a_line(tmp_path, reaction, settings, says):
     jr = reactions(tmp_path / "jr.sto", **reaction)
     with pytest.raises(UsageError, match=says):
         knee(Files(kinematics(tmp_path / "q.sto"), jr), **settings)
 
 
-def test_a_reaction_in_the_femurs_frame_is_turned_by_the_angle(tmp_path: Path) -> None:
+def test_a_reaction_in_the_femurs_frame_is_turned_by_the_angle(tmp_path):
     """On the femur it is the other way round; without a model its torque has another point, and that is told."""
     jr = reactions(tmp_path / "jr.sto")
     tibia = read_storage(jr)
@@ -311,9 +296,7 @@ def test_a_reaction_in_the_femurs_frame_is_turned_by_the_angle(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("rate", "rows"), [(200.0, 241 - 47), (None, 1201)])
-def test_a_gap_is_noted_and_not_interpolated_across(
-    tmp_path: Path, rate: float | None, rows: int
-) -> None:
+def test_a_gap_is_noted_and_not_interpolated_across(tmp_path, rate, rows):
     there = TIME[(TIME <= 0.5) | (TIME >= 0.74)]
     q = angles(tmp_path, -np.degrees(flexion(there)), there)
     gait = knee(Files(q, reactions(tmp_path / "jr.sto")), rate=rate)
@@ -323,7 +306,7 @@ def test_a_gap_is_noted_and_not_interpolated_across(
     assert flexion_of(gait) == pytest.approx(flexion(times_of(gait)), abs=3e-4)
 
 
-def test_rows_outside_the_time_that_is_asked_for_do_not_matter(tmp_path: Path) -> None:
+def test_rows_outside_the_time_that_is_asked_for_do_not_matter(tmp_path):
     angle = np.where(TIME < 0.2, np.nan, -np.degrees(flexion(TIME)))
     given = Files(angles(tmp_path, angle, hip=np.nan * TIME), reactions(tmp_path / "jr.sto"))
     gait = knee(given, start=0.25, end=1.0, rate=100.0)
@@ -333,7 +316,7 @@ def test_rows_outside_the_time_that_is_asked_for_do_not_matter(tmp_path: Path) -
         knee(given, start=0.1)
 
 
-def loaded(folder: Path, times: float, model: bool = True) -> Files:
+def loaded(folder, times, model=True):
     """Results with a multiple of a usual load, which is 1800 N at most."""
     jr = reactions(folder / "jr.sto", sign=times, rows=241)
     return Files(
@@ -348,15 +331,13 @@ def loaded(folder: Path, times: float, model: bool = True) -> Files:
         (0.2, r"the peak of 360 N is 0\.50564 body weights"),
     ],
 )
-def test_likely_mistakes_are_imported_only_if_the_user_insists(
-    tmp_path: Path, times: float, says: str
-) -> None:
+def test_likely_mistakes_are_imported_only_if_the_user_insists(tmp_path, times, says):
     with pytest.raises(UsageError, match=f"{says}.*--anyway"):
         knee(loaded(tmp_path, times))
     assert re.search(says, knee(loaded(tmp_path, times), anyway=True).doubts[0])
 
 
-def test_without_a_model_a_large_load_is_a_warning(tmp_path: Path) -> None:
+def test_without_a_model_a_large_load_is_a_warning(tmp_path):
     large = knee(loaded(tmp_path, 4.8, model=False))
     assert "the peak is 8640 N, plausible is 400 to 8000" in large.doubts[0]
     assert not knee(files(tmp_path)).doubts
@@ -372,7 +353,7 @@ MODELS = [
 ]
 
 
-def test_a_model_gives_sign_and_weight(tmp_path: Path) -> None:
+def test_a_model_gives_sign_and_weight(tmp_path):
     standing = angles(tmp_path, -5.0 - 4.0 * np.sin(TIME))
     given = Files(standing, reactions(tmp_path / "jr.sto"))
     with pytest.raises(UsageError, match="Give --angle-sign 1 or -1, or --model"):
@@ -389,9 +370,7 @@ def test_a_model_gives_sign_and_weight(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_the_reference_results_are_the_tables_of_the_shipped_bags(
-    reference_data: Path, side: str
-) -> None:
+def test_the_reference_results_are_the_tables_of_the_shipped_bags(reference_data, side):
     folder = reference_data / "opensim_gait2354"
     names = ("reference_CMC_Kinematics_q.sto", "reference_JointReaction_ReactionLoads.sto")
     gait = knee(Files(*(folder / name for name in names)), side, rate=200.0)

@@ -1,17 +1,11 @@
 """Knees of known shape as meshes: arcs of circles swept along z, in m."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import zlib
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from knee_contact_ros.model.types import Floats
 
 EDGE = 0.7e-3
 """[m] of a triangle, as in meshes from MRI"""
@@ -27,8 +21,8 @@ VOXEL = 0.5
 
 
 def femoral_curve(
-    arcs: Sequence[tuple[float, float, float]] = ONE_RADIUS,
-) -> tuple[Floats, Floats]:
+    arcs=ONE_RADIUS,
+):
     """Points and outward normals, shape (n, 2), from anterior to posterior; arcs meet without a corner."""
     points, normals = [], []
     centre = np.zeros(2)
@@ -43,7 +37,7 @@ def femoral_curve(
     return np.concatenate(points), np.concatenate(normals)
 
 
-def tibial_curve(radius: float = 0.095) -> tuple[Floats, Floats]:
+def tibial_curve(radius=0.095):
     """A concave circle with its lowest point at the origin."""
     x = np.linspace(-0.018, 0.018, round(0.036 / EDGE))
     height = np.sqrt(radius**2 - x**2)
@@ -51,13 +45,13 @@ def tibial_curve(radius: float = 0.095) -> tuple[Floats, Floats]:
 
 
 def swept(
-    curve: tuple[Floats, Floats],
+    curve,
     *,
-    inwards: float = 0.0,
-    noise: float = 0.0,
-    seed: int = 1,
-    larger: float = 1.0,
-) -> tuple[Floats, Any]:
+    inwards=0.0,
+    noise=0.0,
+    seed=1,
+    larger=1.0,
+):
     """Points (n, 3) and triangles of a surface through a curve at z = `MIDDLE`, falling off to both sides.
 
     `inwards` [m] moves it along its normals, `noise` [m] is the standard deviation of its points along them, and all of
@@ -78,7 +72,7 @@ def swept(
     return larger * np.concatenate([xy.reshape(-1, 2), z.reshape(-1, 1)], axis=1), triangles
 
 
-def saved(path: Path, mesh: tuple[Floats, Any], unit: float = 1.0) -> Path:
+def saved(path, mesh, unit=1.0):
     """Write a mesh in the form of its suffix."""
     import pyvista
 
@@ -87,7 +81,7 @@ def saved(path: Path, mesh: tuple[Floats, Any], unit: float = 1.0) -> Path:
     return path
 
 
-def spaced(path: Path, mesh: tuple[Floats, Any], space: str) -> Path:
+def spaced(path, mesh, space):
     """Write a mesh in mm that says in its header which way its axes point, as 3D Slicer does."""
     import pyvista
 
@@ -112,7 +106,7 @@ def spaced(path: Path, mesh: tuple[Floats, Any], space: str) -> Path:
     return path
 
 
-def label_map(path: Path) -> Path:
+def label_map(path):
     """A femur of radius 25 mm under 3 mm of cartilage (label 4; bone 1) about the origin, from z = -28 to -8 mm."""
     import nibabel
 
@@ -130,7 +124,7 @@ def label_map(path: Path) -> Path:
     return path
 
 
-def other_map(path: Path, encoding: str, space: str = "left-posterior-superior") -> Path:
+def other_map(path, encoding, space="left-posterior-superior"):
     """The label map of `label_map` as NRRD or MetaImage, of which the last axis of the voxels comes first, reversed."""
     import nibabel
 

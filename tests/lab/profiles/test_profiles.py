@@ -1,7 +1,5 @@
 """What comes out of files and meshes of known shape."""
 
-from __future__ import annotations
-
 import io
 import re
 from pathlib import Path
@@ -14,7 +12,7 @@ from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles import picture
-from knee_contact_ros.lab.profiles.fit import SMOOTHING_TOLERANCE, ProfileFit, concave, fit
+from knee_contact_ros.lab.profiles.fit import SMOOTHING_TOLERANCE, concave, fit
 from knee_contact_ros.lab.profiles.slices import contact_centre
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.mechanisms import hinge
@@ -47,30 +45,30 @@ OF_ARC = 1.0 - np.cos(np.radians(20.0))
 """Height of an arc of 40 degrees in radii: a fitted radius errs by about the error of the points over that"""
 
 
-def surface(mesh: tuple[np.ndarray, np.ndarray]) -> Surface:
+def surface(mesh):
     return Surface(Path("made.stl"), *mesh)
 
 
-def femur(arcs: Any = ONE_RADIUS, **how: Any) -> Surface:
+def femur(arcs=ONE_RADIUS, **how):
     return surface(swept(femoral_curve(arcs), **how))
 
 
-def tibia(**how: Any) -> Surface:
+def tibia(**how):
     return surface(swept(tibial_curve(), **how))
 
 
-def radii(found: ProfileFit) -> list[float]:
+def radii(found):
     return [each.radius for each in found.circles]
 
 
-def joined(*meshes: tuple[np.ndarray, np.ndarray], walls: Any = ()) -> Surface:
+def joined(*meshes, walls=()):
     """Two meshes in one, and triangles between them."""
     (outer, faces), (inner, others) = meshes
     triangles = np.concatenate([faces, others + len(outer), *([walls] if len(walls) else [])])
     return surface((np.concatenate([outer, inner]), triangles))
 
 
-def test_a_circle_comes_out_as_that_circle() -> None:
+def test_a_circle_comes_out_as_that_circle():
     found = fit(femur(), MIDDLE)
     assert [each.window for each in found.circles] == [(-15.0, 25.0), (20.0, 70.0), (60.0, 110.0)]
     assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + 0.02 * MM)
@@ -80,7 +78,7 @@ def test_a_circle_comes_out_as_that_circle() -> None:
     assert 1.0 / found.shape.curvature == pytest.approx(0.030, rel=0.01)
 
 
-def test_two_radii_are_distinguished_within_the_tolerance() -> None:
+def test_two_radii_are_distinguished_within_the_tolerance():
     """Smoothing blurs where they meet; more so with a larger tolerance."""
     errors = []
     for tolerance in (0.01 * MM, SMOOTHING_TOLERANCE):
@@ -94,7 +92,7 @@ def test_two_radii_are_distinguished_within_the_tolerance() -> None:
     assert sum(errors[0]) < sum(errors[1])
 
 
-def test_noise_neither_dents_the_profile_nor_bends_its_circles() -> None:
+def test_noise_neither_dents_the_profile_nor_bends_its_circles():
     found = fit(femur(noise=0.15 * MM), MIDDLE)
     assert found.shape.curvature.min() > -1.0
     # A point of the slice is the mean of two vertices, or one: RMS 0.11 to 0.15 mm; half is left to chance.
@@ -103,10 +101,10 @@ def test_noise_neither_dents_the_profile_nor_bends_its_circles() -> None:
     assert radii(found) == pytest.approx([0.030] * 3, abs=2.0 * 0.015 * MM / OF_ARC)
 
 
-def test_noise_moves_the_contact_point_little() -> None:
+def test_noise_moves_the_contact_point_little():
     angles = np.radians(np.linspace(0.0, 70.0, 141))
 
-    def path(noise: float, seed: int) -> np.ndarray:
+    def path(noise, seed):
         profile = Profile(*fit(femur(TWO_RADII, noise=noise, seed=seed), MIDDLE).smoothed.points.T)
         return np.array([-profile.support(angle)[1] for angle in angles])
 
@@ -115,7 +113,7 @@ def test_noise_moves_the_contact_point_little() -> None:
     assert max(shifts) < 0.2 * MM  # the limit that is promised
 
 
-def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave() -> None:
+def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave():
     found = fit(femur(TWO_RADII), MIDDLE, bone=femur(TWO_RADII, inwards=2.5 * MM))
     assert found.thickness is not None
     # The profile may lie off by the tolerance; the middle of the slab lies in the slice itself.
@@ -129,7 +127,7 @@ def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave() -> None:
     assert (low < -0.017, high > 0.017) == (True, True)
 
 
-def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken() -> None:
+def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken():
     """As from a segmentation: articular side, bone side and rims in one mesh."""
     outer, inner = swept(femoral_curve()), swept(femoral_curve(), inwards=2.0 * MM)
     corner = np.arange(len(outer[0])).reshape(-1, 29)
@@ -148,7 +146,7 @@ def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken(
         assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + error)
 
 
-def test_the_automatic_slice_is_that_of_the_ridge() -> None:
+def test_the_automatic_slice_is_that_of_the_ridge():
     assert contact_centre(femur(TWO_RADII), True, True) == pytest.approx(
         MIDDLE, abs=0.05 * MM + EDGE / 2.0
     )
@@ -157,9 +155,7 @@ def test_the_automatic_slice_is_that_of_the_ridge() -> None:
 
 @pytest.mark.parametrize("off", [0.0, 15.0 * MM, 40.0 * MM])
 @pytest.mark.parametrize("left", [False, True])
-def test_the_automatic_slice_lies_beside_the_middle_between_the_condyles(
-    off: float, left: bool, tmp_path: Path
-) -> None:
+def test_the_automatic_slice_lies_beside_the_middle_between_the_condyles(off, left, tmp_path):
     """Wherever the scanner's zero is; a left knee is its mirror image."""
     medial, triangles = swept(femoral_curve())
     lateral = medial * [1.0, 1.0, -1.0]
@@ -181,9 +177,7 @@ def test_the_automatic_slice_lies_beside_the_middle_between_the_condyles(
         (".vtk", "LPS", (-1, -1, 1)),
     ],
 )
-def test_axes_and_unit_follow_from_the_header_of_slicer(
-    suffix: str, space: str, signs: tuple[int, ...], tmp_path: Path
-) -> None:
+def test_axes_and_unit_follow_from_the_header_of_slicer(suffix, space, signs, tmp_path):
     """A right knee; the header says to which sides x, y and z point."""
     points, triangles = swept(femoral_curve())
     path = spaced(tmp_path / f"a{suffix}", (points[:, [2, 0, 1]] * signs, triangles), space)
@@ -199,9 +193,7 @@ def test_axes_and_unit_follow_from_the_header_of_slicer(
 
 
 @pytest.mark.parametrize("separator", [" ", ","])
-def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(
-    separator: str, tmp_path: Path
-) -> None:
+def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(separator, tmp_path):
     points, triangles = swept(femoral_curve())
     cloud = tmp_path / "a.txt"
     np.savetxt(
@@ -219,7 +211,7 @@ def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(
 
 @pytest.mark.parametrize("spacing", [1.5 * MM, 2.0 * MM, 2.5 * MM, 3.0 * MM, 4.0 * MM])
 @pytest.mark.parametrize("shift", [0.0, 0.3, 0.5])
-def test_a_cloud_in_planes_gives_the_profile_between_them(spacing: float, shift: float) -> None:
+def test_a_cloud_in_planes_gives_the_profile_between_them(spacing, shift):
     """As contours in the slices of an image; `shift` is where the slice lies between two planes, in spacings."""
     planes = spacing * (np.arange(-3, 4) + shift)
     for of_femur, (points, normals) in ((True, femoral_curve()), (False, tibial_curve())):
@@ -241,7 +233,7 @@ def test_a_cloud_in_planes_gives_the_profile_between_them(spacing: float, shift:
         )
 
 
-def test_a_label_map(tmp_path: Path) -> None:
+def test_a_label_map(tmp_path):
     path = label_map(tmp_path / "knee.nii.gz")
     found = fit(read_surface(path, label=4), MIDDLE, bone=read_surface(path, label=1))
     # A voxel's edge lies up to half a voxel off the circle, and steps of it cancel over arcs of 20 mm.
@@ -252,7 +244,7 @@ def test_a_label_map(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def of_nifti(tmp_path_factory: pytest.TempPathFactory) -> Surface:
+def of_nifti(tmp_path_factory):
     return read_surface(label_map(tmp_path_factory.mktemp("nifti") / "knee.nii"), label=4)
 
 
@@ -269,15 +261,15 @@ def of_nifti(tmp_path_factory: pytest.TempPathFactory) -> Surface:
     ],
 )
 def test_label_maps_of_other_programs_lie_where_that_of_nifti_does(
-    suffix: str, encoding: str, space: str, tmp_path: Path, of_nifti: Surface
-) -> None:
+    suffix, encoding, space, tmp_path, of_nifti
+):
     found = read_surface(other_map(tmp_path / f"knee{suffix}", encoding, space), label=4)
     assert found.axes == of_nifti.axes
     order = [np.lexsort(np.round(each.points, 6).T) for each in (found, of_nifti)]
     np.testing.assert_allclose(found.points[order[0]], of_nifti.points[order[1]], atol=1e-7)
 
 
-def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path: Path) -> None:
+def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path):
     """The middle of the image is the origin, and nothing is turned over."""
     import nibabel
 
@@ -295,8 +287,8 @@ def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path: Path)
 
 @pytest.mark.parametrize("place", ["scanner", "hip"])
 def test_a_mesh_far_from_its_origin_is_fitted_about_the_origin_that_the_refusal_names(
-    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    place, tmp_path, capsys
+):
     points, triangles = swept(femoral_curve(TWO_RADII))
     far = np.array([-0.012, 0.64, 0.0] if place == "scanner" else [0.005, -0.41, 0.0])
     mesh, output = saved(tmp_path / "a.stl", (points + far, triangles)), tmp_path / "a.csv"
@@ -309,8 +301,8 @@ def test_a_mesh_far_from_its_origin_is_fitted_about_the_origin_that_the_refusal_
 
 
 def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    right_bag, tmp_path, capsys
+):
     """2.5 mm of cartilage were fitted; osteoarthritis.yaml says 0.5 mm, before it and after it."""
     mesh, bone = (
         saved(tmp_path / f"{name}.stl", swept(femoral_curve(TWO_RADII), inwards=inwards))
@@ -358,7 +350,7 @@ def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
         assert stored.parameters.contact.law == "two_layer_viscoelastic"
 
 
-def test_a_model_takes_a_tibia(tmp_path: Path) -> None:
+def test_a_model_takes_a_tibia(tmp_path):
     """Its origin lies on the surface, however high the mesh does."""
     points, triangles = swept(tibial_curve())
     mesh = saved(tmp_path / "tibia.ply", (points - np.array([0.0, 0.023, 0.0]), triangles))
@@ -391,7 +383,7 @@ def test_a_model_takes_a_tibia(tmp_path: Path) -> None:
     )
 
 
-def test_the_picture_cuts_nothing() -> None:
+def test_the_picture_cuts_nothing():
     from PIL import Image
 
     found = fit(femur(), MIDDLE, bone=femur(inwards=2.0 * MM))
@@ -405,8 +397,8 @@ def test_the_picture_cuts_nothing() -> None:
 
 
 def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published_and_the_shipped_profile(
-    reference_data: Path, config: Path
-) -> None:
+    reference_data, config
+):
     """The one that the shipped profiles come from; it is not in the project."""
     names = (
         "_R_femur_cartilage_surface",

@@ -1,11 +1,8 @@
 """What cannot be fitted is told in one line, and nothing is written."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +40,7 @@ HOLLOW = (
 )
 
 
-def unoriented(path: Path) -> None:
+def unoriented(path):
     """A label map of which the header does not say how its voxels lie."""
     import nibabel
 
@@ -52,17 +49,17 @@ def unoriented(path: Path) -> None:
     nibabel.save(plain, path)
 
 
-def replaced(path: Path, old: bytes, new: bytes) -> None:
+def replaced(path, old, new):
     content = path.read_bytes()
     assert old in content
     path.write_bytes(content.replace(old, new, 1))
 
 
-def text(content: str) -> Callable[[Path], Any]:
+def text(content):
     return lambda path: path.write_text(content)
 
 
-def mesh(shape: Any = FEMUR, unit: float = 1.0, bone: Any = None) -> Callable[[Path], Any]:
+def mesh(shape=FEMUR, unit=1.0, bone=None):
     """Write a mesh, and another one beside it."""
     return lambda path: [
         saved(path, shape, unit),
@@ -70,15 +67,15 @@ def mesh(shape: Any = FEMUR, unit: float = 1.0, bone: Any = None) -> Callable[[P
     ]
 
 
-def cut_off(path: Path) -> None:
+def cut_off(path):
     content = saved(path, FEMUR).read_bytes()
     path.write_bytes(content[: len(content) // 2])
 
 
-def beside(name: str, encoding: str = "raw") -> Callable[[Path], Any]:
+def beside(name, encoding="raw"):
     """Write a label map whose header names another file."""
 
-    def write(path: Path) -> None:
+    def write(path):
         os.mkfifo("pipe")
         Path("words").write_text("secret " * 655360)
         replaced(other_map(path, encoding), b"voxels", name.encode())
@@ -86,7 +83,7 @@ def beside(name: str, encoding: str = "raw") -> Callable[[Path], Any]:
     return write
 
 
-def halves(path: Path) -> None:
+def halves(path):
     """Two contours, 1 mm on either side of the slice, of which each holds one half of the condyle."""
     points, normals = femoral_curve(TWO_RADII)
     half = len(points) // 2
@@ -98,7 +95,7 @@ def halves(path: Path) -> None:
     np.savetxt(path, np.concatenate([*sides]))
 
 
-def only_points(path: Path) -> None:
+def only_points(path):
     import pyvista
 
     pyvista.PolyData(FEMUR[0]).save(path)
@@ -288,7 +285,7 @@ for name in sys.argv[1:]:
 """
 
 
-def test_vtk_prints_nothing_about_a_damaged_file(tmp_path: Path) -> None:
+def test_vtk_prints_nothing_about_a_damaged_file(tmp_path):
     """In a process of its own, as pytest takes what goes through Python's logging."""
     files = []
     for kind in (".vtk", ".vtp"):
@@ -306,9 +303,7 @@ def test_vtk_prints_nothing_about_a_damaged_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_one_line_says_what_is_wrong(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_line_says_what_is_wrong(case, tmp_path, capsys, monkeypatch):
     name, make, options, words = CASES[case]
     for folder in ("in", "out"):
         (tmp_path / folder).mkdir()
@@ -325,7 +320,7 @@ def test_one_line_says_what_is_wrong(
     assert not list((tmp_path / "out").iterdir())
 
 
-def test_an_existing_profile_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_existing_profile_stays(tmp_path, capsys):
     output = tmp_path / "b.csv"
     output.write_text("mine")
     mesh = saved(tmp_path / "a.stl", FEMUR)

@@ -1,11 +1,7 @@
 """Files of strangers cost a line: they neither end the process, nor fill the memory, nor show other files."""
 
-from __future__ import annotations
-
 import gzip
 import time
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,20 +21,20 @@ POLYGONS 1 4
 NRRD = "NRRD0004\ntype: {kind}\ndimension: 3\nsizes: {sizes}\nencoding: {encoding}\n{more}\n"
 
 
-def vtk(folder: Path) -> Path:
+def vtk(folder):
     path = folder / "index.vtk"
     path.write_text(VTK.format(index=10_000_000))
     return path
 
 
-def sparse_mesh(folder: Path) -> Path:
+def sparse_mesh(folder):
     path = folder / "sparse.stl"
     with path.open("wb") as file:
         file.truncate(2 * 10**9)
     return path
 
 
-def nifti_bomb(folder: Path) -> Path:
+def nifti_bomb(folder):
     """A header that promises 10^9 voxels, over zeros."""
     nibabel = pytest.importorskip("nibabel")
     head = nibabel.Nifti1Header()
@@ -53,7 +49,7 @@ def nifti_bomb(folder: Path) -> Path:
     return path
 
 
-def zipped_bomb(folder: Path) -> Path:
+def zipped_bomb(folder):
     """A few voxels, and a gigabyte behind them."""
     path = folder / "bomb.nrrd"
     head = NRRD.format(kind="uchar", sizes="4 4 4", encoding="gzip", more="").encode()
@@ -61,7 +57,7 @@ def zipped_bomb(folder: Path) -> Path:
     return path
 
 
-def elsewhere(folder: Path) -> Path:
+def elsewhere(folder):
     """A header that names a file of the user's."""
     (folder / "secret.txt").write_text("11 22 33 44 55 66 77 88")
     (folder / "maps").mkdir()
@@ -81,9 +77,7 @@ def elsewhere(folder: Path) -> Path:
         (elsewhere, "may name only a file beside it"),
     ],
 )
-def test_a_file_of_a_stranger_costs_a_line(
-    make: Callable[[Path], Path], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_of_a_stranger_costs_a_line(make, words, tmp_path, capsys):
     path, begin = make(tmp_path), time.process_time()
     command = ["fit-profile", str(path), "--slice=auto", f"--output={tmp_path / 'p.csv'}"]
     assert main(command) == 2
@@ -94,9 +88,7 @@ def test_a_file_of_a_stranger_costs_a_line(
     assert time.process_time() - begin < 10.0  # reading them took minutes
 
 
-def test_a_mesh_of_vtk_is_read_as_before(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mesh_of_vtk_is_read_as_before(tmp_path, capsys):
     path = tmp_path / "small.vtk"
     path.write_text(VTK.format(index=2))
     command = ["fit-profile", str(path), "--slice=0", f"--output={tmp_path / 'p.csv'}"]

@@ -1,7 +1,5 @@
 """Reports, and what they are made of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,12 +18,12 @@ Report = Callable[..., Path]
 
 
 @pytest.fixture(scope="session")
-def bags(config: Path) -> tuple[Path, Path]:
+def bags(config):
     return config.parent / "bags" / "gait2354_right", config.parent / "bags" / "gait2354_left"
 
 
 @pytest.fixture(scope="session")
-def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> Path:
+def recording(tmp_path_factory, bags):
     """The right knee as we record it."""
     path = tmp_path_factory.mktemp("recording") / "knee.mcap"
     parameters = load_parameters(["osteoarthritis", {"body_weight": 700.0}])
@@ -34,14 +32,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path])
 
 
 @pytest.fixture
-def deviations(tmp_path: Path) -> Path:
+def deviations(tmp_path):
     path = tmp_path / "sd.yaml"
     path.write_text(DEVIATIONS)
     return path
 
 
 @pytest.fixture(scope="session")
-def both(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> Path:
+def both(tmp_path_factory, bags):
     """Both knees, healthy beside osteoarthritic. Tests that look at it run in the group `report`."""
     output = tmp_path_factory.mktemp("report") / "both"
     labels = ["--label=right", "--label=left", "--compare=osteoarthritis.yaml"]
@@ -50,11 +48,11 @@ def both(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path]) -> P
 
 
 @pytest.fixture
-def report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Report:
+def report(tmp_path, monkeypatch):
     """Writes a report with small pictures; gives its folder."""
     monkeypatch.setattr(figures, "_DOTS_PER_INCH", 20)
 
-    def run(*arguments: object, code: int = 0) -> Path:
+    def run(*arguments, code=0):
         output = tmp_path / "out"
         assert main(["report", *map(str, arguments), f"--output={output}"]) == code
         return output

@@ -1,26 +1,23 @@
 """The files of a report, read."""
 
-from __future__ import annotations
-
 import csv
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 
-def page_of(folder: Path) -> str:
+def page_of(folder):
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
-def text_of(folder: Path) -> str:
+def text_of(folder):
     """The page without tags and pictures, in one line."""
     body = re.sub(r"<style>.*?</style>", " ", page_of(folder), flags=re.DOTALL)
     return " ".join(re.sub(r"<[^>]*>", " ", body).split())
 
 
-def check_html(page: str) -> None:
+def check_html(page):
     """Raise at the first error of an HTML5 page, where the parser is installed."""
     html5lib = pytest.importorskip(
         "html5lib", reason="html5lib is not installed (dependency group dev)"
@@ -28,12 +25,12 @@ def check_html(page: str) -> None:
     html5lib.HTMLParser(strict=True).parse(page)
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
+def rows_of(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def runs_of(path: Path) -> dict[str, list[dict[str, str]]]:
+def runs_of(path):
     """Rows by run."""
     rows = rows_of(path)
     return {
@@ -42,5 +39,5 @@ def runs_of(path: Path) -> dict[str, list[dict[str, str]]]:
     }
 
 
-def numbers(rows: list[dict[str, str]], column: str) -> np.ndarray:
+def numbers(rows, column):
     return np.array([float(row[column]) for row in rows])

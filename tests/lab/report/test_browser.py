@@ -1,11 +1,7 @@
 """The page in a real browser: no errors on its console, every picture decoded, nothing asked of any network."""
 
-from __future__ import annotations
-
 import base64
 import re
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,12 +16,12 @@ WIDTHS = (1600, 420)
 
 
 @pytest.fixture
-def page(both: Path) -> Path:
+def page(both):
     return both / "report.html"
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None:
+def test_a_browser_shows_all_of_it(browser, page, width):
     size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     browser.get_log("browser"), browser.get_log("performance")  # those of before
@@ -57,7 +53,7 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
     assert requested(browser) == {page.as_uri()}
 
 
-def test_it_follows_a_dark_screen_and_prints_on_two_pages(browser: Any, page: Path) -> None:
+def test_it_follows_a_dark_screen_and_prints_on_two_pages(browser, page):
     dark = [{"name": "prefers-color-scheme", "value": "dark"}]
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": dark})
     browser.get(page.as_uri())

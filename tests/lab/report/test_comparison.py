@@ -1,15 +1,10 @@
 """A comparison changes the contact law and nothing else, and says what that is; runs are told apart by their names."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.runs import differences
 from knee_contact_ros.parameters.files import load_parameters
-from tests.lab.report.conftest import Report
 from tests.lab.report.pages import numbers, runs_of, text_of
 
 pytest.importorskip(
@@ -33,9 +28,7 @@ WHOLE = """/**/knee_contact:
 """
 
 
-def test_a_heavy_subject_stays_itself(
-    bags: tuple[Path, Path], tmp_path: Path, report: Report, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_heavy_subject_stays_itself(bags, tmp_path, report, capsys):
     """95 kg, a share of 0.6 and a femur of his own: the peaks in BW are the same, whatever the file sets beside."""
     whole = tmp_path / "whole.yaml"
     whole.write_text(WHOLE)
@@ -76,15 +69,13 @@ def test_a_heavy_subject_stays_itself(
         ),
     ],
 )
-def test_differences_count_as_far_as_they_are_used(
-    values: dict[str, object], lines: list[str]
-) -> None:
+def test_differences_count_as_far_as_they_are_used(values, lines):
     assert differences([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
 def test_files_of_one_name_have_numbers_also_when_their_laws_differ(
-    bags: tuple[Path, Path], recording: Path, tmp_path: Path, report: Report
-) -> None:
+    bags, recording, tmp_path, report
+):
     healthy = tmp_path / recording.name
     assert main(["solve", str(bags[0]), "--params=healthy", f"--output={healthy}"]) == 0
     out = report(healthy, recording, "--compare=osteoarthritis.yaml")

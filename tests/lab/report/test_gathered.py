@@ -1,7 +1,5 @@
 """What is gathered of a run, against known signals."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
@@ -13,12 +11,12 @@ from knee_contact_ros.lab.report.gathered import ANSWER_FIELDS, CYCLE_PERCENT, G
 from knee_contact_ros.lab.report.runs import ReportRun
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.watch import Doubts
-from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, Samples, walking
+from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 
 SECOND = 1_000_000_000
 
 
-def gathered(samples: Samples, **columns: np.ndarray) -> Gathered:
+def gathered(samples, **columns):
     """Of answers to angle and load: a contact force that is the load, and other fields as given, else 0."""
     stamps, angle, load = samples
     known = {
@@ -34,13 +32,13 @@ def gathered(samples: Samples, **columns: np.ndarray) -> Gathered:
     return Gathered({name: known.get(name, zero) for name in ANSWER_FIELDS}, BODY_WEIGHT, Doubts())
 
 
-def summary_of(of: Gathered) -> dict[str, str]:
+def summary_of(of):
     return summary(
         ReportRun("a", "a", Path("a"), "/knee_contact", Parameters(), "", Counter(), (), of)
     )
 
 
-def test_walking_has_its_cycles() -> None:
+def test_walking_has_its_cycles():
     rate = 100.0
     stamps, angle, load = walking(rate, 30.0)
     state = np.where(load > 900.0, 2.0, np.where(load < 130.0, 0.0, 1.0))
@@ -94,7 +92,7 @@ def test_walking_has_its_cycles() -> None:
     assert steep[0] == pytest.approx(5000.0, rel=1e-6)  # stamps: 1 ns in 20 ms
 
 
-def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
+def test_totals_leave_out_gaps_and_stamps_that_went_back():
     stamps, angle, load = walking(200.0, 12.0)
     stamps[1500:] -= 2 * SECOND
     stamps[2000:] += 3 * SECOND

@@ -1,12 +1,9 @@
 """`knee-contact report` as a person runs it: files, numbers and page; bad input, damaged bags and interruption."""
 
-from __future__ import annotations
-
 import base64
 import io
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +26,7 @@ from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, type
 from knee_contact_ros.view.picture import png_figure
 from tests.helpers.bags import raw_messages
 from tests.helpers.offline import solve
-from tests.lab.report.conftest import RUNS, Report
+from tests.lab.report.conftest import RUNS
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag
 from tests.streams.test_gait_events import walking
@@ -62,7 +59,7 @@ in_group = pytest.mark.xdist_group("report")
 
 
 @in_group
-def test_all_files_are_there_and_nothing_is_cut_at_the_figures_edges(both: Path) -> None:
+def test_all_files_are_there_and_nothing_is_cut_at_the_figures_edges(both):
     from PIL import Image
 
     files = {path.name for path in both.iterdir()}
@@ -85,16 +82,14 @@ def test_all_files_are_there_and_nothing_is_cut_at_the_figures_edges(both: Path)
     }
 
 
-def test_letters_that_the_font_lacks_cause_no_warnings(recwarn: pytest.WarningsRecorder) -> None:
+def test_letters_that_the_font_lacks_cause_no_warnings(recwarn):
     with png_figure(io.BytesIO(), (1.0, 1.0), 50) as figure:
         figure.text(0.0, 0.0, "右\x1b")
     assert not recwarn.list
 
 
 @in_group
-def test_curves_are_those_of_the_answers_and_strides_are_written(
-    both: Path, recording: Path
-) -> None:
+def test_curves_are_those_of_the_answers_and_strides_are_written(both, recording):
     rows = runs_of(both / "cycles.csv")[RUNS[1]]
     assert numbers(rows, "gait_cycle_percent") == pytest.approx(CYCLE_PERCENT)
     assert {row["cycles"] for row in rows} == {"1"}
@@ -129,7 +124,7 @@ PEAKS = {
 
 
 @in_group
-def test_peaks_and_events_are_those_of_the_demo(both: Path) -> None:
+def test_peaks_and_events_are_those_of_the_demo(both):
     runs = runs_of(both / "peaks.csv")
     assert list(runs) == RUNS
     right = runs[RUNS[0]]
@@ -152,9 +147,7 @@ def test_peaks_and_events_are_those_of_the_demo(both: Path) -> None:
             assert numbers(rows, f"{kind}_BW") == pytest.approx(weights, rel=1e-8)
 
 
-def test_a_recording_from_before_sliding_and_force_error(
-    old_recording: Path, report: Report
-) -> None:
+def test_a_recording_from_before_sliding_and_force_error(old_recording, report):
     out = report(old_recording, "--compare=osteoarthritis.yaml")
     assert "error bound of the contact force not in this recording" in text_of(out)
     old, compared = rows_of(out / "strides.csv")
@@ -201,7 +194,7 @@ PEAK_ROWS = (
 
 
 @in_group
-def test_words_and_numbers_of_the_page(both: Path) -> None:
+def test_words_and_numbers_of_the_page(both):
     text = text_of(both)
     assert [words for words in ON_THE_PAGE if words not in text] == []
     assert [text.count(words) for words in ONCE] == [1, 1]
@@ -210,7 +203,7 @@ def test_words_and_numbers_of_the_page(both: Path) -> None:
     assert [row for row in PEAK_ROWS if row not in peaks] == []
 
 
-def test_another_load_and_femur(bags: tuple[Path, Path], report: Report) -> None:
+def test_another_load_and_femur(bags, report):
     """Other published ranges, a contact point that moves, and a label that is none of HTML."""
     files = ["--params=healthy.yaml", "--params=mri_femur.yaml"]
     out = report(bags[0], *files, "-p", "load.compartment:=total", "--label", LABEL)
@@ -225,7 +218,7 @@ def test_another_load_and_femur(bags: tuple[Path, Path], report: Report) -> None
     assert np.ptp(numbers(rows_of(out / "cycles.csv"), "contact_point_x_mm_mean")) > 5.0
 
 
-def test_a_recording_has_its_own_parameters(recording: Path, report: Report) -> None:
+def test_a_recording_has_its_own_parameters(recording, report):
     out = report(recording, "--compare=healthy.yaml")
     text = text_of(out)
     assert "Recorded with knee_contact_ros" in text
@@ -237,9 +230,7 @@ def test_a_recording_has_its_own_parameters(recording: Path, report: Report) -> 
         assert numbers(rows, "load_BW") == pytest.approx(numbers(rows, "load_N") / 700.0, rel=1e-8)
 
 
-def test_recordings_of_others_and_of_two_knees_in_one(
-    recording: Path, tmp_path: Path, report: Report
-) -> None:
+def test_recordings_of_others_and_of_two_knees_in_one(recording, tmp_path, report):
     """Somebody else's recorder stores the messages, and no parameters."""
     path = tmp_path / "both.mcap"
     topics = (topic for topic in EACH_TICK if topic != KNEE_CONTACT_WRENCH)
@@ -267,9 +258,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(
     assert numbers(rows, "load_BW") == pytest.approx(numbers(rows, "load_N") / 600.0, rel=1e-8)
 
 
-def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(
-    tmp_path: Path, report: Report
-) -> None:
+def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tmp_path, report):
     samples = [(i * 5_000_000, 0.1, 800.0) for i in range(400)]
     bag = make_bag(tmp_path / "standing.mcap", samples)
     out = tmp_path / "out"
@@ -294,7 +283,7 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(
 
 
 @pytest.mark.filterwarnings("error::UserWarning")
-def test_doubts_come_first(bags: tuple[Path, Path], tmp_path: Path, report: Report) -> None:
+def test_doubts_come_first(bags, tmp_path, report):
     """Solved for the report, and as a recording says it itself."""
     recording = tmp_path / "knee.mcap"
     solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording)
@@ -310,9 +299,7 @@ def test_doubts_come_first(bags: tuple[Path, Path], tmp_path: Path, report: Repo
         assert found.count(words) == 1
 
 
-def test_where_the_height_drives_a_report_is_of_the_contact_force(
-    tmp_path: Path, report: Report
-) -> None:
+def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path, report):
     samples = [(i * 5_000_000, 0.1, 800.0) for i in range(100)]
     heights = 0.0335 - 3e-4 * np.sin(0.05 * np.arange(100.0)) ** 2
     bag = make_bag(tmp_path / "pressed.mcap", samples, heights=heights)
@@ -344,15 +331,15 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(
     ],
 )
 def test_bad_input_is_refused_in_a_line(
-    arguments: list[str],
-    words: str,
-    bags: tuple[Path, Path],
-    recording: Path,
-    config: Path,
-    tmp_path: Path,
-    report: Report,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    arguments,
+    words,
+    bags,
+    recording,
+    config,
+    tmp_path,
+    report,
+    capsys,
+):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("contact.stifness: 20 %\n")
     names = {"bag": bags[0], "recording": recording, "wrong": wrong}
@@ -364,9 +351,7 @@ def test_bad_input_is_refused_in_a_line(
     assert not out.exists()
 
 
-def test_a_damaged_bag_is_reported_as_far_as_it_goes(
-    bags: tuple[Path, Path], tmp_path: Path, report: Report, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_bag_is_reported_as_far_as_it_goes(bags, tmp_path, report, capsys):
     content = next(bags[0].glob("*.mcap")).read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(content[: len(content) * 2 // 3])

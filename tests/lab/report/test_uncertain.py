@@ -1,16 +1,11 @@
 """The report's section on uncertainty."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report import UNCERTAINTY_COLUMNS
 from knee_contact_ros.lab.report.figures import ALL_INPUTS, NUMERICAL_ERROR
-from tests.lab.report.conftest import Report
 from tests.lab.report.pages import check_html, page_of, rows_of, text_of
 
 INPUTS = {
@@ -24,9 +19,7 @@ INPUTS = {
 """Inputs and their standard deviations"""
 
 
-def test_a_report_has_the_numbers_of_the_python_interface(
-    right_bag: Path, deviations: Path, report: Report
-) -> None:
+def test_a_report_has_the_numbers_of_the_python_interface(right_bag, deviations, report):
     out = report(right_bag, "--uncertainty", deviations, "--compare=osteoarthritis")
     rows = rows_of(out / "uncertainty.csv")
     assert {row["run"] for row in rows} == {"gait2354_right"}  # a comparison has none of its own
@@ -46,9 +39,7 @@ def test_a_report_has_the_numbers_of_the_python_interface(
     check_html(page_of(out))
 
 
-def test_both_compartments_of_a_recording(
-    right_bag: Path, deviations: Path, tmp_path: Path, report: Report
-) -> None:
+def test_both_compartments_of_a_recording(right_bag, deviations, tmp_path, report):
     recording = tmp_path / "both.mcap"
     sources = ["--params=healthy", "--params=both_compartments", f"--output={recording}"]
     assert main(["solve", str(right_bag), *sources]) == 0

@@ -1,9 +1,5 @@
 """A real scheduler with two workers, for all tests of cohorts that do no harm to it."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-
 import pytest
 
 from tests.lab.sweep.studies import Cluster
@@ -12,7 +8,7 @@ Client = pytest.importorskip("distributed", reason="the extra sweep is not insta
 
 
 @pytest.fixture(scope="package")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def cluster(tmp_path_factory):
     """The workers run in another folder than the client: names relative to one mean nothing in the other."""
     cluster, elsewhere = (
         Cluster(tmp_path_factory.mktemp("cluster")),
@@ -27,6 +23,6 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 @pytest.fixture
-def address(cluster: Cluster) -> str:
+def address(cluster):
     """Of the scheduler."""
     return cluster.address

@@ -1,16 +1,12 @@
 """Studies that the tests of sweeps share, what they ask of a table, and a cluster of this machine."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -22,29 +18,29 @@ from tests import ROOT
 DAMPINGS = [1e3, 2e3, 3e3, 4e3, 5e3]
 
 
-def study(bag: Path | str, **content: Any) -> Study:
+def study(bag, **content):
     """A study of one bag."""
     return Study(bags=[str(bag)], **content)
 
 
-def computed(asked: Study, output: Path | str, **how: Any) -> tuple[int, int, int]:
+def computed(asked, output, **how):
     """Run a study; give the numbers of cases that were there, were computed, and failed."""
     return run_study(asked, str(output), **how)[:3]
 
 
-def table(folder: Path) -> pd.DataFrame:
+def table(folder):
     """All that is in a table, in an order of its own, but for the time that it took."""
     found = pd.read_parquet(folder)
     assert found["case"].is_unique
     return found.drop(columns="seconds").sort_values("case", ignore_index=True)
 
 
-def assert_same(one: pd.DataFrame, other: pd.DataFrame) -> None:
+def assert_same(one, other):
     """The same bits in two tables."""
     pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
-def started(*arguments: str, cwd: Path = ROOT, **options: Any) -> subprocess.Popen[Any]:
+def started(*arguments, cwd=ROOT, **options):
     """A process of Python, in a group of its own, as a terminal has it."""
     own = {"PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
     return subprocess.Popen(
@@ -56,14 +52,14 @@ def started(*arguments: str, cwd: Path = ROOT, **options: Any) -> subprocess.Pop
     )
 
 
-def end(process: subprocess.Popen[Any]) -> None:
+def end(process):
     """Kill a process and all that it has started."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
 
-def wait_until(is_so: Callable[[], object], seconds: float = 60.0) -> None:
+def wait_until(is_so, seconds=60.0):
     """Wait until something is so."""
     deadline = time.monotonic() + seconds
     while not is_so():
@@ -74,7 +70,7 @@ def wait_until(is_so: Callable[[], object], seconds: float = 60.0) -> None:
 class Cluster:
     """A scheduler and workers of this machine, as Dask's own commands start them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -87,18 +83,18 @@ class Cluster:
         self.workers: list[subprocess.Popen[bytes]] = []
         self.start_scheduler()
 
-    def start_scheduler(self) -> None:
+    def start_scheduler(self):
         """Start it, again at the same address after it was killed."""
         options = f"--host 127.0.0.1 --port {self.port} --no-dashboard --no-show --dashboard-address 127.0.0.1:0"
         self.scheduler = started("-m", "dask", "scheduler", *options.split(), **self._quiet)
         wait_until(self._answers)
 
-    def _answers(self) -> bool:
+    def _answers(self):
         assert self.scheduler.poll() is None
         with socket.socket() as tried:
             return tried.connect_ex(("127.0.0.1", self.port)) == 0
 
-    def add_worker(self, cwd: Path = ROOT) -> None:
+    def add_worker(self, cwd=ROOT):
         """Start a worker with one thread, in a folder."""
         options = f"{self.address} --host 127.0.0.1 --nthreads 1 --no-nanny --no-dashboard --local-directory"
         worker = started(
@@ -106,7 +102,7 @@ class Cluster:
         )
         self.workers.append(worker)
 
-    def close(self) -> None:
+    def close(self):
         """Kill all of it."""
         for process in (*self.workers, self.scheduler):
             end(process)

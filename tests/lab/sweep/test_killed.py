@@ -1,17 +1,12 @@
 """Whatever is killed, no finished case is lost: the next run computes the rest, and the table is the same."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from knee_contact_ros.lab.study_file import Study, read_study
@@ -25,7 +20,7 @@ A_BLOCK = 40
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
+def asked(tmp_path_factory, right_bag):
     """A study of some seconds."""
     path = tmp_path_factory.mktemp("study") / "study.yaml"
     path.write_text(
@@ -36,9 +31,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def expected(
-    asked: Path, cluster: Cluster, tmp_path_factory: pytest.TempPathFactory
-) -> pd.DataFrame:
+def expected(asked, cluster, tmp_path_factory):
     """Its table, when nothing happens."""
     folder = tmp_path_factory.mktemp("expected")
     assert computed(read_study(asked, Study), folder, scheduler=cluster.address)[1] == CASES
@@ -46,7 +39,7 @@ def expected(
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Iterator[Cluster]:
+def own(tmp_path):
     """A cluster to be killed."""
     (tmp_path / "cluster").mkdir()
     cluster = Cluster(tmp_path / "cluster")
@@ -55,7 +48,7 @@ def own(tmp_path: Path) -> Iterator[Cluster]:
     cluster.close()
 
 
-def begun(asked: Path, out: Path, *options: str, files: int = 2) -> subprocess.Popen[str]:
+def begun(asked, out, *options, files=2):
     """A command of which so many files of the table are there."""
     code = "import sys; from knee_contact_ros.commands.main import main; sys.exit(main())"
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -64,9 +57,7 @@ def begun(asked: Path, out: Path, *options: str, files: int = 2) -> subprocess.P
     return client
 
 
-def assert_goes_on(
-    asked: Path, out: Path, address: str, expected: pd.DataFrame, files: int = 1
-) -> None:
+def assert_goes_on(asked, out, address, expected, files=1):
     """The next run computes the rest."""
     there, now, _ = computed(read_study(asked, Study), out, scheduler=address)
     assert there >= A_BLOCK * files
@@ -74,7 +65,7 @@ def assert_goes_on(
     assert_same(table(out), expected)
 
 
-def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
+def test_killed_workers(asked, expected, own, tmp_path):
     out = tmp_path / "out"
     with ThreadPoolExecutor() as pool:
         client = pool.submit(computed, read_study(asked, Study), out, scheduler=own.address)
@@ -89,9 +80,7 @@ def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_p
     assert_same(table(out), expected)
 
 
-def test_a_killed_scheduler(
-    asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path
-) -> None:
+def test_a_killed_scheduler(asked, expected, own, tmp_path):
     out, files = tmp_path / "out", random.randint(1, 10)
     client = begun(asked, out, "--scheduler", own.address, files=files)
     end(own.scheduler)
@@ -107,7 +96,7 @@ def test_a_killed_scheduler(
     assert_goes_on(asked, out, own.address, expected, files)
 
 
-def in_group(leader: int) -> list[str]:
+def in_group(leader):
     """Processes of a group that still run."""
     listing = subprocess.run(
         ["/bin/ps", "-eo", "pgid,stat,pid"], capture_output=True, text=True, check=True
@@ -119,9 +108,7 @@ def in_group(leader: int) -> list[str]:
 
 
 @pytest.mark.parametrize("interrupted", [True, False])
-def test_a_client_that_ends_leaves_no_process(
-    asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path, interrupted: bool
-) -> None:
+def test_a_client_that_ends_leaves_no_process(asked, expected, cluster, tmp_path, interrupted):
     """A terminal's Ctrl-C reaches the workers, too; or the client alone is killed."""
     out = tmp_path / "out"
     client = begun(asked, out, "--workers", "2")
@@ -138,9 +125,7 @@ def test_a_client_that_ends_leaves_no_process(
     assert_goes_on(asked, out, cluster.address, expected)
 
 
-def test_a_full_disk(
-    asked: Path, expected: pd.DataFrame, cluster: Cluster, small_disk: Path
-) -> None:
+def test_a_full_disk(asked, expected, cluster, small_disk):
     remount(small_disk, "size=150k")
     out = small_disk / "out"
     with pytest.raises(IncompleteError, match=f"output {out}: No space left on device"):

@@ -1,8 +1,5 @@
 """What a run comes to, beside the plain formulas over its series; and cases computed together beside single runs."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,14 +21,14 @@ TWO_LAYERS = {"contact.law": "two_layer_viscoelastic"}
 RESETS = (37, 38, 90)
 
 
-def assert_outcomes(row: Any, series: Any, begins: list[int]) -> None:
+def assert_outcomes(row, series, begins):
     """All outcomes are those of the plain formulas over a series with its model, whose runs begin where stated."""
     readouts, steps = series.readouts, np.diff(np.asarray(series["stamp"])) * 1e-9
     follows = ~np.isin(np.arange(1, len(series)), begins) & (steps < PAUSE)
     touching = np.asarray(series["contact_state"]) != ContactState.SEPARATED
     way = np.hypot(np.diff(series["contact_point"]["x"]), np.diff(series["contact_point"]["y"]))
 
-    def over_time(values: Any) -> float:
+    def over_time(values):
         values = np.asarray(values, dtype=float)
         return float((0.5 * steps * (values[1:] + values[:-1]))[follows].sum())
 
@@ -62,13 +59,13 @@ def assert_outcomes(row: Any, series: Any, begins: list[int]) -> None:
         assert row[name] == pytest.approx(float(value), rel=1e-12, abs=1e-15), name
 
 
-def bits(rows: Any) -> dict[str, bytes]:
+def bits(rows):
     """All of answers, but what is between the fields."""
     flat = np.asarray(rows).view(FLAT)
     return {name: np.ascontiguousarray(flat[name]).tobytes() for name in FLAT.names or ()}
 
 
-def recording(resets: tuple[int, ...] = ()) -> Recording:
+def recording(resets=()):
     """The gait, which begins anew at some ticks."""
     stamps = np.rint(TIME * 1e9).astype(np.int64)
     steps = np.diff(stamps, prepend=stamps[:1]) * 1e-9
@@ -77,7 +74,7 @@ def recording(resets: tuple[int, ...] = ()) -> Recording:
 
 
 @pytest.mark.parametrize(("threads", "compiled"), [(1, False), (2, True)])
-def test_cases_have_the_bits_of_single_runs_with_time_resets(threads: int, compiled: bool) -> None:
+def test_cases_have_the_bits_of_single_runs_with_time_resets(threads, compiled):
     total: dict[str, Any] = {"load.compartment": "total"}
     knees = Knees(recording(RESETS), load_parameters(total), {})
     cases: list[dict[str, Any]] = [
@@ -129,14 +126,12 @@ LOADED = STILL | {"axial_load": [700.0, 700.0]}
         ),
     ],
 )
-def test_arrays_that_the_parameters_need_are_not_assumed(
-    gait: Any, params: dict[str, Any], said: str
-) -> None:
+def test_arrays_that_the_parameters_need_are_not_assumed(gait, params, said):
     with pytest.raises(knee_contact_ros.UsageError, match=f"^gait: .*{said}"):
         knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, params)
 
 
-def test_a_case_whose_rule_needs_a_moment_fails_without_one() -> None:
+def test_a_case_whose_rule_needs_a_moment_fails_without_one():
     found = knee_contact_ros.sweep(LOADED, {"load.compartment": ["total", "moment_balance"]})
     assert found.failed.tolist() == ["", "gait: load rule moment_balance needs frontal_moment"]
 
@@ -148,7 +143,7 @@ def test_a_case_whose_rule_needs_a_moment_fails_without_one() -> None:
         ("both_compartments", {"load.share": 0.6, "lateral.contact.damping": 1e3}),
     ],
 )
-def test_a_bag_gives_what_solve_does(params: str, values: dict[str, Any], right_bag: Path) -> None:
+def test_a_bag_gives_what_solve_does(params, values, right_bag):
     varied: dict[str, Any] = values | {"contact.damping": [1e3, 5e3]}
     found = knee_contact_ros.sweep(right_bag, varied, params, series=True)
     sides = [(found.outcomes, found.series)]

@@ -1,7 +1,5 @@
 """A study: what it may ask; on a real scheduler one table, however it came about; what is refused, in a line."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import shutil
@@ -9,7 +7,6 @@ import socket
 import subprocess
 import warnings
 import zipfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +37,7 @@ RANGES = {"contact.damping": [1e3, 1e4], "femur.mass": {"from": 1.0, "to": 10.0,
 Capture = pytest.CaptureFixture[str]
 
 
-def test_every_case_stands_once_and_the_last_name_changes_soonest() -> None:
+def test_every_case_stands_once_and_the_last_name_changes_soonest():
     grid = {
         "contact.damping": [0.0, 1e3, 2e3],
         "femur.mass": {"from": 1.0, "to": 3.0, "number": 3},
@@ -64,10 +61,8 @@ def test_every_case_stands_once_and_the_last_name_changes_soonest() -> None:
 @pytest.mark.parametrize("method", ["sobol", "random"])
 @settings(max_examples=30)
 @given(few=st.integers(1, 40), more=st.integers(1, 40), seed=st.integers(0, 2**31))
-def test_a_sample_that_has_grown_begins_with_the_same_points(
-    method: str, few: int, more: int, seed: int
-) -> None:
-    def drawn(n: int) -> np.ndarray:
+def test_a_sample_that_has_grown_begins_with_the_same_points(method, few, more, seed):
+    def drawn(n):
         design = Sample(method=method, n=n, seed=seed, ranges=RANGES)
         return design.points()
 
@@ -77,9 +72,7 @@ def test_a_sample_that_has_grown_begins_with_the_same_points(
     assert (longer <= [1e4, 10.0]).all()
 
 
-def test_the_table_is_that_of_single_runs_on_any_workers(
-    right_bag: Path, address: str, tmp_path: Path
-) -> None:
+def test_the_table_is_that_of_single_runs_on_any_workers(right_bag, address, tmp_path):
     asked = study(right_bag, params=["healthy", "osteoarthritis"], grid=GRID)
     assert computed(asked, tmp_path / "theirs", scheduler=address) == (0, 40, 0)
     assert computed(asked, tmp_path / "ours", workers=1) == (0, 40, 0)
@@ -97,7 +90,7 @@ def test_the_table_is_that_of_single_runs_on_any_workers(
     assert pd.read_parquet(tmp_path / "ours").attrs == {"varied": sorted(GRID)}
 
 
-def test_only_what_is_new_is_computed(right_bag: Path, address: str, tmp_path: Path) -> None:
+def test_only_what_is_new_is_computed(right_bag, address, tmp_path):
     """A study that has grown, one that nobody is asked for, and a bag under two names."""
     small = study(right_bag, grid={"contact.damping": DAMPINGS[:3]})
     large = study(right_bag, grid={"femur.mass": [8.0, 9.3014], "contact.damping": DAMPINGS})
@@ -111,9 +104,7 @@ def test_only_what_is_new_is_computed(right_bag: Path, address: str, tmp_path: P
     assert computed(twice, tmp_path / "twice", scheduler=address)[:2] == (2, 2)
 
 
-def test_failed_cases_are_rows_with_a_reason(
-    right_bag: Path, address: str, tmp_path: Path
-) -> None:
+def test_failed_cases_are_rows_with_a_reason(right_bag, address, tmp_path):
     asked = study(
         right_bag, values={"tibia.geometry": "circle"}, grid={"tibia.radius": [0.02, 0.03, 0.09]}
     )
@@ -130,8 +121,8 @@ def test_failed_cases_are_rows_with_a_reason(
 
 
 def test_a_damaged_or_implausible_bag_and_unused_parameters_lead_to_warnings(
-    right_bag: Path, address: str, tmp_path: Path, capfd: Capture
-) -> None:
+    right_bag, address, tmp_path, capfd
+):
     (file,) = right_bag.glob("*.mcap")
     damaged, upside_down, recorded = (
         tmp_path / f"{name}.mcap" for name in ("damaged", "upside_down", "recorded")
@@ -164,7 +155,7 @@ def test_a_damaged_or_implausible_bag_and_unused_parameters_lead_to_warnings(
                 knee_contact_ros.uncertainty(bag, "healthy", {"axial_load": "5 %"})
 
 
-def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Path) -> None:
+def test_series_of_both_compartments(address, right_bag, tmp_path):
     out = tmp_path / "out"
     asked = study(right_bag, series=True, grid=TWO, params=["both_compartments"])
     assert computed(asked, out, scheduler=address)[:2] == (0, 2)
@@ -195,7 +186,7 @@ def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Pa
         computed(study(right_bag, grid=GRID, series=True), tmp_path / "without", scheduler=address)
 
 
-def test_data_are_read_where_they_lie(right_bag: Path, address: str, tmp_path: Path) -> None:
+def test_data_are_read_where_they_lie(right_bag, address, tmp_path):
     (file,) = right_bag.glob("*.mcap")
     with zipfile.ZipFile(tmp_path / "gait.zip", "w") as archive:
         archive.write(file, "gait.mcap")
@@ -216,9 +207,7 @@ def test_data_are_read_where_they_lie(right_bag: Path, address: str, tmp_path: P
     assert len(ShardFolder("memory://cohorts/out").read_columns("peak_force")) == 2
 
 
-def test_workers_need_no_file_but_the_bag(
-    config: Path, right_bag: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_need_no_file_but_the_bag(config, right_bag, address, tmp_path, monkeypatch):
     """All names are relative to the client's folder, where no worker is; bag and output have their whole paths."""
     shutil.copytree(right_bag, tmp_path / "gait")
     for name in ("femur_medial.csv", "tibia_medial.csv"):
@@ -241,7 +230,7 @@ def test_workers_need_no_file_but_the_bag(
     assert table(tmp_path / "out")["peak_force"].gt(1000.0).all()
 
 
-def divide(_block: Any) -> float:
+def divide(_block):
     """Fails on the worker."""
     return 1 / len("")
 
@@ -271,15 +260,15 @@ def divide(_block: Any) -> float:
     ],
 )
 def test_what_workers_cannot_do_is_one_line(
-    patched: tuple[Any, str, Any],
-    output: str,
-    error: type[Exception],
-    said: str,
-    right_bag: Path,
-    address: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    patched,
+    output,
+    error,
+    said,
+    right_bag,
+    address,
+    tmp_path,
+    monkeypatch,
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(*patched)
     with pytest.raises(error, match=said):
@@ -287,7 +276,7 @@ def test_what_workers_cannot_do_is_one_line(
     assert list(tmp_path.rglob("cases-*")) == []
 
 
-def test_an_address_of_an_unknown_kind_ends_at_once_and_leaves_the_settings_of_dask() -> None:
+def test_an_address_of_an_unknown_kind_ends_at_once_and_leaves_the_settings_of_dask():
     """In a process that has not used Dask before: a later study there needs the settings that it adds."""
     code = (
         "from dask import config; from knee_contact_ros.lab.study import dask_client; import contextlib\n"
@@ -299,9 +288,7 @@ def test_an_address_of_an_unknown_kind_ends_at_once_and_leaves_the_settings_of_d
     assert process.communicate(timeout=60) == ("30s\n", "")
 
 
-def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(
-    right_bag: Path, address: str, tmp_path: Path
-) -> None:
+def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag, address, tmp_path):
     asked, out = study(right_bag, grid=GRID), tmp_path / "out"
     computed(asked, out, scheduler=address)
     expected, first = table(out), min(out.glob("cases-*"))
@@ -337,15 +324,13 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(
         computed(asked, foreign, scheduler=address)
 
 
-def keys_of(bag: Path, **content: Any) -> list[str]:
+def keys_of(bag, **content):
     """The keys of all cases."""
     asked = study(bag, **content)
     return [group.key(values) for group in groups_of(asked) for values in asked.variants()]
 
 
-def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(
-    right_bag: Path, config: Path, tmp_path: Path
-) -> None:
+def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag, config, tmp_path):
     mri, other = (config / "femur_medial.csv").read_text(), tmp_path / "copy"
     shutil.copytree(right_bag, other)
     for name, text in (("a.csv", mri), ("b.csv", mri), ("c.csv", mri.rstrip("\n") + "\n\n")):
@@ -417,7 +402,7 @@ BAD = {
 
 
 @pytest.fixture
-def file(tmp_path: Path, right_bag: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def file(tmp_path, right_bag, monkeypatch):
     """A study file; names are as from the project's folder."""
     monkeypatch.chdir(ROOT)
     path = tmp_path / "study.yaml"
@@ -425,7 +410,7 @@ def file(tmp_path: Path, right_bag: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     return path
 
 
-def refused(capfd: Capture, study: Path, *options: str) -> str:
+def refused(capfd, study, *options):
     """What the command says that ends with code 2: one line; nothing is written."""
     assert main(["sweep", str(study), "--output", str(study.parent / "out"), *options]) == 2
     said, errors = capfd.readouterr()
@@ -436,14 +421,12 @@ def refused(capfd: Capture, study: Path, *options: str) -> str:
 
 
 @pytest.mark.parametrize("said", BAD)
-def test_bad_studies(said: str, address: str, right_bag: Path, file: Path, capfd: Capture) -> None:
+def test_bad_studies(said, address, right_bag, file, capfd):
     file.write_text(BAD[said].replace("{bag}", str(right_bag)))
     assert said in refused(capfd, file, "--scheduler", address)
 
 
-def test_a_scheduler_that_cannot_be_reached(
-    file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scheduler_that_cannot_be_reached(file, capfd, monkeypatch):
     monkeypatch.setattr(study_module, "SCHEDULER_TIMEOUT", 1.0)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # not listening
@@ -458,6 +441,6 @@ def test_a_scheduler_that_cannot_be_reached(
             )
 
 
-def test_the_page_lists_every_outcome_with_its_unit() -> None:
+def test_the_page_lists_every_outcome_with_its_unit():
     page = (ROOT / "docs" / "how-to" / "many-knees.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` | {unit} |" in page for name, unit in OUTCOMES.items())

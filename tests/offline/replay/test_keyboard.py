@@ -1,7 +1,5 @@
 """Keys from a real terminal (a pseudo-terminal with a shell), and the terminal as it was, whatever ends the program."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -37,11 +35,11 @@ with unwinding_on_signals(), Keyboard(stood_still) as keyboard:
 """
 
 
-def program() -> Terminal:
+def program():
     return Terminal(sys.executable, "-c", PROGRAM)
 
 
-def test_keys_come_one_by_one_and_without_echo() -> None:
+def test_keys_come_one_by_one_and_without_echo():
     with program() as terminal:
         terminal.wait_for("<ready>")
         terminal.press(b"q s\x1b[Cx\x1bOC")
@@ -56,14 +54,14 @@ def test_keys_come_one_by_one_and_without_echo() -> None:
     ("number", "code"),
     [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGHUP, 128 + signal.SIGHUP)],
 )
-def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals, code: int) -> None:
+def test_a_signal_leaves_the_terminal_as_it_was(number, code):
     with program() as terminal:
         terminal.wait_for("<ready>")
         os.kill(terminal.pid, number)
         terminal.wait_for(rf"\[ended with {code}, usual\]")
 
 
-def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
+def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again():
     with program() as terminal:
         terminal.wait_for("<ready>")
         for _ in range(2):
@@ -77,7 +75,7 @@ def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
         terminal.wait_for(r"\[ended with 7, usual\]")
 
 
-def test_without_a_terminal_there_are_no_keys() -> None:
+def test_without_a_terminal_there_are_no_keys():
     program = (
         "from knee_contact_ros.system.keyboard import Keyboard, has_terminal\n"
         "with Keyboard(print) as keyboard: print(has_terminal(), keyboard.wait_for_keys(0.01))"

@@ -1,9 +1,6 @@
 """When messages go out, and what keys do to it; the keys are a script, the clock is the real one."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Sequence
 
 import pytest
 
@@ -14,7 +11,7 @@ MILLISECOND = 1_000_000
 BEGIN = 1_700_000_000_000_000_000
 
 
-def bag(count: int, period: int = 5 * MILLISECOND) -> list[RawMessage]:
+def bag(count, period=5 * MILLISECOND):
     """Messages of two topics, in pairs."""
     return [
         RawMessage(topic, BEGIN + i * period, b"%d" % i)
@@ -26,10 +23,10 @@ def bag(count: int, period: int = 5 * MILLISECOND) -> list[RawMessage]:
 class Keys:
     """Presses keys one after another, each in a wait of its own; a wait without keys lasts."""
 
-    def __init__(self, *presses: Sequence[Command]) -> None:
+    def __init__(self, *presses):
         self.presses = list(presses)
 
-    def __call__(self, seconds: float) -> Sequence[Command]:
+    def __call__(self, seconds):
         keys = self.presses.pop(0) if self.presses else ()
         if not keys:
             time.sleep(seconds)
@@ -37,7 +34,7 @@ class Keys:
 
 
 @pytest.mark.parametrize("rate", [1.0, 4.0])
-def test_no_message_goes_out_before_its_time_and_none_is_lost(rate: float) -> None:
+def test_no_message_goes_out_before_its_time_and_none_is_lost(rate):
     messages = bag(60)
     before = time.perf_counter()
     sent = [
@@ -52,7 +49,7 @@ def test_no_message_goes_out_before_its_time_and_none_is_lost(rate: float) -> No
         assert lateness >= 0.0
 
 
-def test_a_message_that_comes_too_late_goes_out_at_once() -> None:
+def test_a_message_that_comes_too_late_goes_out_at_once():
     def messages():
         yield from bag(2)
         time.sleep(0.1)  # the disk was slow
@@ -63,7 +60,7 @@ def test_a_message_that_comes_too_late_goes_out_at_once() -> None:
     assert max(late[:2]) < min(late[4:])
 
 
-def test_keys_pause_step_and_go_on() -> None:
+def test_keys_pause_step_and_go_on():
     sent: list[RawMessage] = []
     states = []
     steps = Keys([Command.STEP], [Command.STEP, Command.STEP], [Command.PAUSE])
@@ -80,9 +77,9 @@ def test_keys_pause_step_and_go_on() -> None:
     assert states == [(1.0, False, 3)]
 
 
-def test_a_pause_lasts_until_the_next_key_and_what_follows_is_not_late() -> None:
+def test_a_pause_lasts_until_the_next_key_and_what_follows_is_not_late():
     class PauseAtOnce(Keys):
-        def __call__(self, seconds: float) -> Sequence[Command]:
+        def __call__(self, seconds):
             if len(self.presses) == 1:
                 time.sleep(0.3)
             return super().__call__(seconds)
@@ -94,7 +91,7 @@ def test_a_pause_lasts_until_the_next_key_and_what_follows_is_not_late() -> None
     assert sum(late) / len(late) < 0.15  # 0.3 s each if the pause counted
 
 
-def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> None:
+def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits():
     rates = []
     keys = Keys(
         [Command.FASTER],
@@ -112,7 +109,7 @@ def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> Non
     assert player.rate == 0.01  # it stays for the next time through the bag
 
 
-def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
+def test_the_clock_ticks_at_its_own_rate_also_in_pauses():
     told: list[int] = []
     keys = Keys([], [], [], [], [Command.PAUSE])
     player = Player(keys, paused=True, publish_time=told.append, clock_rate=100.0)
@@ -125,7 +122,7 @@ def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
     assert len(set(told)) > 10
 
 
-def stamped(log_time: int, stamp: int) -> RawMessage:
+def stamped(log_time, stamp):
     data = (
         b"\x00\x01\x00\x00"
         + (stamp // 10**9).to_bytes(4, "little")
@@ -135,8 +132,8 @@ def stamped(log_time: int, stamp: int) -> RawMessage:
 
 
 def test_equal_log_times_are_paced_by_the_stamps(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys,
+):
     """A recorder that waited for /clock: log times of 0, then those of today; and a clock that is set back later."""
     first = [stamped(0, BEGIN + i * 20 * MILLISECOND) for i in range(6)]
     today = [
@@ -152,7 +149,7 @@ def test_equal_log_times_are_paced_by_the_stamps(
     assert told == [BEGIN // 10**9, 87_400]
 
 
-def test_lateness_is_counted_and_printed() -> None:
+def test_lateness_is_counted_and_printed():
     lateness = Lateness()
     for seconds in (0.0, 0.0005, 0.0021, None, 0.0001, 0.0002, 0.0003):
         lateness.count_message(seconds)

@@ -1,7 +1,5 @@
 """Scenes, differences, words and tables of the study of levels."""
 
-from __future__ import annotations
-
 from knee_contact_ros import load_model
 from studies.choosing.scenes import (
     answer_of,
@@ -14,7 +12,7 @@ from studies.choosing.scenes import (
 SCENES = {scene.name: scene for scene in scenes()}
 
 
-def test_the_model_meets_the_reference_on_every_geometry() -> None:
+def test_the_model_meets_the_reference_on_every_geometry():
     scene = SCENES["impact"]
     short = scene._replace(
         time=scene.time[45:85], angle=scene.angle[45:85], load=scene.load[45:85]

@@ -1,7 +1,5 @@
 """The reference's measured surfaces, against closed forms and against the model."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -16,13 +14,13 @@ ANGLES = np.linspace(-0.1, 1.9, 21).tolist()
 GEOMETRIES = {geometry.name: geometry for geometry in geometries()}
 
 
-def ellipse_points(number: int) -> np.ndarray:
+def ellipse_points(number):
     """The lower part of an ellipse, from posterior to anterior."""
     turn = np.linspace(math.radians(150.0), math.radians(390.0), number)
     return np.stack([A * np.cos(turn), B * np.sin(turn)])
 
 
-def test_the_lowest_point_is_that_of_an_ellipse() -> None:
+def test_the_lowest_point_is_that_of_an_ellipse():
     femur = femur_through(ellipse_points(400))
     for angle in ANGLES:
         x, y = lowest(femur, angle)
@@ -34,7 +32,7 @@ def test_the_lowest_point_is_that_of_an_ellipse() -> None:
         )
 
 
-def test_on_a_concave_circle_the_centres_tell_the_depth() -> None:
+def test_on_a_concave_circle_the_centres_tell_the_depth():
     turn = np.linspace(math.radians(150.0), math.radians(390.0), 600)
     femur = femur_through(A * np.array([np.cos(turn), np.sin(turn)]))
     x = np.linspace(-0.04, 0.04, 400)
@@ -45,7 +43,7 @@ def test_on_a_concave_circle_the_centres_tell_the_depth() -> None:
 
 
 @pytest.mark.parametrize("name", [CIRCLE, MRI_FEMUR, MRI_KNEE])
-def test_the_model_finds_the_same_contact(name: str) -> None:
+def test_the_model_finds_the_same_contact(name):
     geometry = GEOMETRIES[name]
     model = load_model(list(geometry.files))
     for angle in ANGLES:
