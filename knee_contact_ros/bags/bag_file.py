@@ -40,7 +40,7 @@ class Chunk(NamedTuple):
     offset: int
     """Offset [B] of the chunk in the file; id of the first row"""
     end: int
-    """Offset [B] of its end; id of the last row"""
+    """Offset [B] of the end of its records; id of the last row"""
     records_begin: int
     """Offset [B] of its records, which may be compressed"""
     uncompressed_size: int

@@ -277,8 +277,7 @@ class McapFile(BagFile):
 
     def _match_channels(self) -> None:
         """Match channels with their schemas."""
-        found: dict[tuple[type, int], Any] = {(mcap.Schema, 0): NO_SCHEMA}
-        found |= self._doubtful | self._declarations
+        found = self._doubtful | self._declarations | {(mcap.Schema, 0): NO_SCHEMA}
         for (kind, channel_id), record in found.items():
             if kind is mcap.Channel and (schema := found.get((mcap.Schema, record.schema_id))):
                 self.declared[channel_id] = record, schema
@@ -305,7 +304,7 @@ class McapFile(BagFile):
             self._note(f"only a damaged chunk declares {', '.join(doubtful)}")
         total = self.note_undeclared()
         if self.statistics:
-            expected = sum(self.statistics.channel_message_counts.values())
+            expected = self.statistics.message_count
             if total < expected:
                 self._note(f"{expected - total} of {expected} messages are missing")
             elif total > expected:

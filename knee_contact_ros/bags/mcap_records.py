@@ -26,8 +26,8 @@ from .mcap_writer import RECORD_HEAD
 
 HOLE = 0
 """Bytes that are not a record: in the place of an opcode, and never one"""
-FIRST_PRIVATE_OPCODE = 0x80
-"""First opcode of applications' private records, by the specification"""
+SKIPPED = Opcode.MESSAGE, Opcode.MESSAGE_INDEX
+"""Opcodes of records that are not parsed here, like those beyond the last known one, `DATA_END`"""
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Beginning of a chunk: opcode, length, smallest and largest log time [ns], uncompressed size [B], CRC-32 of the
 records, and length [B] of the name of the compression, which follows with the compressed size"""
@@ -35,7 +35,7 @@ CHECKSUM_OFFSET = 33
 """Offset [B] of the CRC-32 in a chunk"""
 LONGEST_NAME = 16
 """Largest length [B] of the name of a compression; those of the specification have 4"""
-CHUNK_OR_DATA_END = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f\x04\x00{7})")
+CHUNK_OR_DATA_END = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f.\x00{7})")
 """Head of a chunk of less than 4 GiB, or of the record that ends the data section"""
 FOOTER_SIZE = 29
 """Size [B] of the footer record, by the specification"""
@@ -59,21 +59,22 @@ class FileRecord(NamedTuple):
     end: int
     """Offset [B] of the end"""
     content: Any = None
-    """A chunk as `Chunk`; any other record as `mcap` parses it. None for messages, their index and private records"""
+    """A chunk as `Chunk`; any other record as `mcap` parses it. None for messages, their index and unknown records"""
 
 
 def parsed(data: bytes) -> Any:
-    """Record as `mcap` parses it; None if that does not know it, or would not write the same bytes."""
+    """Record as `mcap` parses it; None if that would not write the same bytes, before fields that are unknown to it."""
     builder = RecordBuilder()
     try:
         record: Any = next(StreamReader(BytesIO(data), skip_magic=True).records)
         record.write(builder)
     except NOT_A_RECORD:
         return None
-    written: bytes = builder.end()  # type: ignore[no-untyped-call]
-    if isinstance(record, Attachment) and data.endswith(bytes(4)):  # it has no checksum
-        written = written[:-4] + bytes(4)
-    return record if written == data else None
+    written: bytes = builder.end()[RECORD_HEAD.size :]  # type: ignore[no-untyped-call]
+    content = data[RECORD_HEAD.size :]
+    if isinstance(record, Attachment) and content[len(written) - 4 :].startswith(bytes(4)):
+        written = written[:-4]  # it has no checksum
+    return record if content.startswith(written) else None
 
 
 class RecordReader:
@@ -122,16 +123,15 @@ class RecordReader:
 
     def record_at(self, offset: int) -> FileRecord | None:
         """Record that begins at `offset`; None if there is no whole and valid one."""
+        if chunk := self._indexed_chunk_at(offset):
+            return chunk
         opcode, end = self._head_at(offset)
-        chunk = self._indexed_chunk_at(offset)
-        if not chunk and opcode == Opcode.CHUNK:
-            chunk = self._chunk_at(offset)
-        if chunk:
-            return FileRecord(Opcode.CHUNK, offset, chunk.end, chunk)
+        if opcode == Opcode.CHUNK:
+            return self._chunk_at(offset, end)
         limit = min(self._next_chunk_after(offset), offset + LARGEST_RECORD)
-        if opcode == Opcode.CHUNK or not offset < end <= limit:
+        if not offset < end <= limit:
             return None
-        if opcode in (Opcode.MESSAGE, Opcode.MESSAGE_INDEX) or opcode >= FIRST_PRIVATE_OPCODE:
+        if opcode in SKIPPED or opcode > Opcode.DATA_END:
             # Its length is right if another record follows.
             follows = end > self.size - RECORD_HEAD.size or self._may_begin_at(end)
             return FileRecord(opcode, offset, end) if follows else None
@@ -156,49 +156,55 @@ class RecordReader:
             return False
         return self.checksum_between(begin, footer.end - 4) == int(checksum)
 
-    def _indexed_chunk_at(self, offset: int) -> Chunk | None:
+    def _indexed_chunk_at(self, offset: int) -> FileRecord | None:
         """Return the chunk at an offset by its index; None if it has no index, or no checksum verifies it."""
         if not (index := self._indexes.get(offset)):
             return None
         end = offset + index.chunk_length
-        begin = end - index.compressed_size
+        begin = offset + CHUNK_HEAD.size + len(index.compression.encode()) + 8
+        records_end = begin + index.compressed_size
         checksum_end = offset + CHECKSUM_OFFSET + 4
         checksum = int.from_bytes(self.bytes_between(checksum_end - 4, checksum_end), "little")
-        if not checksum or begin < checksum_end or end > self._next_chunk_after(offset):
+        if not checksum or not records_end <= end <= self._next_chunk_after(offset):
             return None
-        return Chunk(offset, end, begin, index.uncompressed_size, index.compression, checksum)
+        size = index.uncompressed_size
+        chunk = Chunk(offset, records_end, begin, size, index.compression, checksum)
+        return FileRecord(Opcode.CHUNK, offset, end, chunk)
 
-    def _chunk_at(self, offset: int) -> Chunk | None:
-        """Return the chunk at an offset by its head; None without one.
+    def _chunk_at(self, offset: int, end: int) -> FileRecord | None:
+        """Return the chunk at an offset by its head, with the end by its length; None without one.
 
-        If its two lengths differ, that of its data counts if another record follows and a checksum confirms it.
+        Unknown fields may follow its data. If its length is wrong, that of its data counts if another record follows
+        and a checksum confirms it.
         """
         head = self.bytes_between(offset, offset + CHUNK_HEAD.size + LONGEST_NAME + 8)
         if len(head) < CHUNK_HEAD.size + 8:
             return None
-        _, length, first, last, size, checksum, name_length = CHUNK_HEAD.unpack_from(head)
+        _, _, first, last, size, checksum, name_length = CHUNK_HEAD.unpack_from(head)
         begin = CHUNK_HEAD.size + name_length + 8
         if begin > len(head):
             return None
-        end = offset + begin + int.from_bytes(head[begin - 8 : begin], "little")
+        records_end = offset + begin + int.from_bytes(head[begin - 8 : begin], "little")
         limit = self._next_chunk_after(offset)
-        if end != offset + RECORD_HEAD.size + length and not (
-            checksum and end <= limit and self._may_begin_at(end)
-        ):
-            return None
         is_cut = end > self.size and not self.magic_length_at(max(self.size - len(MCAP0_MAGIC), 0))
+        if records_end > end or (records_end < end and not self._may_begin_at(end)):
+            if checksum and records_end <= limit and self._may_begin_at(records_end):
+                end = records_end
+            elif records_end > end or not is_cut:
+                return None
         if end > limit and not is_cut:
             return None
-        return Chunk(
+        chunk = Chunk(
             offset,
-            min(end, self.size),
+            min(records_end, self.size),
             offset + begin,
             size,
             head[CHUNK_HEAD.size : begin - 8].decode("ascii", "replace"),
             checksum,
-            is_cut,
+            records_end > self.size,
             (first, last),
         )
+        return FileRecord(Opcode.CHUNK, offset, min(end, self.size), chunk)
 
     def _head_at(self, offset: int) -> tuple[int, int]:
         """Return the opcode at an offset, and where the record ends by its length; `HOLE` and `offset` without one."""
@@ -211,8 +217,7 @@ class RecordReader:
     def _may_begin_at(self, offset: int) -> bool:
         """Return whether there is a plausible head of a record."""
         opcode, end = self._head_at(offset)
-        is_known = 0 < opcode <= Opcode.DATA_END or opcode >= FIRST_PRIVATE_OPCODE
-        return is_known and end <= self._next_chunk_after(offset)
+        return opcode != HOLE and end <= self._next_chunk_after(offset)
 
     def _next_chunk_after(self, offset: int) -> int:
         """Return the offset of the next chunk after `offset` that has an index, or the size of the file."""
