@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from operator import methodcaller
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,13 +128,19 @@ def provenance_record(
     else:
         record["model_sha256"] = model_digest()
     record["parameters"] = json.dumps(values, indent=0)
-    record[TICKS_BEFORE] = str(ticks_before)
-    if ticks_before and state:
-        record[STATE] = json.dumps(state)
+    record |= beginning(ticks_before, state)
     record |= {CURVE + name: text for name, text in curves.items()}
     if source:
         record["source"] = source.path.name
         record["source_sha256"] = source.digest
+    return record
+
+
+def beginning(ticks_before: int, state: RunState | None) -> dict[str, str]:
+    """Return the part of the record about a recording that begins after a number of ticks, in a state of the run."""
+    record = {TICKS_BEFORE: str(ticks_before)}
+    if ticks_before and state:
+        record[STATE] = json.dumps(state, default=methodcaller("tolist"))
     return record
 
 

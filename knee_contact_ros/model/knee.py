@@ -383,10 +383,9 @@ class Stream:
             for place in (run_state.AT_HEIGHT, run_state.AT_STIFFNESS, run_state.AT_DAMPING):
                 state[place] = rest[place]
 
-    def state(self) -> list[float]:
+    def state(self) -> Floats:
         """Return the state after the last tick, as `resume` takes it."""
-        numbers: list[float] = self._state.tolist()
-        return numbers
+        return self._state.copy()
 
     def resume(self, stamp: int, state: Sequence[float]) -> None:
         """Continue from the `state` of another stream of this model, after its tick at a stamp [ns].

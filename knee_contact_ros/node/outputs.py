@@ -12,7 +12,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -32,6 +32,7 @@ from ..streams.output import (
     Note,
     RecordedKnee,
     Report,
+    RunState,
     Sink,
 )
 from ..streams.topics import NANOSECONDS, Ending, TickOutput
@@ -45,8 +46,10 @@ LATEST = 0.05
 """Longest time [s] between two checks for reports while an output begins or ends"""
 BATCH = 64
 """Largest number of answers sent at a time, which blocks the interpreter for about 0.1 ms"""
-ANSWER_SIZE, RECORD_SIZE = 450, 150
-"""Memory [B] that an answer takes, and that each of its records takes beyond the message"""
+ANSWER_SIZE, RECORD_SIZE, STATE_SIZE = 450, 150, 500
+"""Memory [B] that an answer takes, each of its records beyond the message, and the state of the run"""
+StateGetter = Callable[[], RunState | None]
+"""Function that returns the state of a run, if it is known"""
 START, PATIENCE = 180.0, 3.0
 """Longest times [s] to wait until an output is open, and until it is complete, so that a node ends within 5 s"""
 WARNING_FILL = 0.25
@@ -284,13 +287,17 @@ MAX_ENDING = 4
 class Ring:
     """Last answers, and the notes between them, for a snapshot; bounded by their time, number and memory."""
 
-    def __init__(self, duration: float, most: int, room: float) -> None:
+    def __init__(self, duration: float, most: int, room: float, run_state: StateGetter) -> None:
         """Keep the answers of the last `duration` [s], up to a largest number and memory [B]; none for a duration of 0.
 
-        Their time is that of their stamps, without the steps back of a clock that was set.
+        Their time is that of their stamps, without the steps back of a clock that was set. `run_state` is called after
+        each item, as a snapshot may begin there.
         """
         self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
-        self._items: deque[tuple[int, TickOutput | Note]] = deque()
+        self._run_state = run_state
+        self._state: RunState | None = None
+        self._items: deque[tuple[int, TickOutput | Note, RunState | None]] = deque()
+        """Time [ns], answer or note, and the state before it"""
         self._flags: list[Note] = []
         """Note of the bits that the kept answers have from the first one on, if any"""
         self._now = self._last = self._size = 0
@@ -307,14 +314,15 @@ class Ring:
         elif item.name == PARAMETERS_CHANGED and any(
             not name.startswith(("record.", TICK)) for name in item.values
         ):
-            notes = [one for _, one in items if isinstance(one, Note)]
+            notes = [one for _, one, _ in items if isinstance(one, Note)]
             self._flags = [one for one in (*self._flags, *notes) if one.name == ANSWERS_FLAGGED][
                 -1:
             ]
             items.clear()
             self._size = 0
-        items.append((self._now, item))
-        self._size += size_of(item)
+        items.append((self._now, item, self._state))
+        self._state = self._run_state()
+        self._size += size_of(item) + STATE_SIZE
         oldest = self._now - self._duration
         while items and (
             len(items) > self._most
@@ -323,30 +331,33 @@ class Ring:
             or items[0][0] <= oldest
         ):
             forgotten = items.popleft()[1]
-            self._size -= size_of(forgotten)
+            self._size -= size_of(forgotten) + STATE_SIZE
             if isinstance(forgotten, Note) and forgotten.name == ANSWERS_FLAGGED:
                 self._flags = [forgotten]
 
-    def kept_items(self) -> tuple[list[TickOutput | Note], float]:
-        """The kept items, oldest first, and the time [s] from the first answer to the last."""
-        times = [at for at, item in self._items if isinstance(item, TickOutput)]
-        return [*self._flags, *(item for _, item in self._items)], (
-            times[-1] - times[0]
-        ) / NANOSECONDS if times else 0.0
+    def kept_items(self) -> tuple[list[TickOutput | Note], float, RunState | None]:
+        """The kept items, oldest first, the time [s] from the first answer to the last, and the state before them."""
+        if not self._items:
+            return [], 0.0, None
+        begin, _, state = self._items[0]
+        items = [*self._flags, *(item for _, item, _ in self._items)]
+        return items, (self._now - begin) / NANOSECONDS, state
 
 
 class Outputs:
     """Hands answers to the outputs: each is a process of its own, and nothing here waits except `complete_files`."""
 
-    def __init__(self, knee: RecordedKnee, log: Any) -> None:
-        """Start all outputs that the parameters ask for; `log` is a logger (see `SinkProcess`).
+    def __init__(self, knee: RecordedKnee, log: Any, run_state: StateGetter) -> None:
+        """Start all outputs that the parameters ask for.
+
+        `log` is a logger (see `SinkProcess`); `run_state` returns the present state of the run.
 
         Raises:
             UsageError: an output that the parameters ask for is not possible.
         """
         self._log = log
         record = knee.parameters.record
-        self.ring = Ring(record.snapshot, record.queue, record.queue_size * MB)
+        self.ring = Ring(record.snapshot, record.queue, record.queue_size * MB, run_state)
         """Answers that a snapshot would contain"""
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed, or have failed"""

@@ -19,8 +19,7 @@ from std_srvs.srv import Trigger
 from ..bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
-    STATE,
-    TICKS_BEFORE,
+    beginning,
     change_record,
 )
 from ..model.types import Status
@@ -183,7 +182,7 @@ class Session(ABC):
         try:
             for name, act in self._services_by_name().items():
                 self._services.append(self._service(name, act))
-            self.outputs = Outputs(self._knee(), self.node.get_logger())
+            self.outputs = Outputs(self._knee(), self.node.get_logger(), self.pipeline.run_state)
         except BaseException:
             self.destroy_endpoints()
             raise
@@ -323,7 +322,7 @@ class Session(ABC):
         return f"{path} will be complete in a moment"
 
     def _save_snapshot(self) -> str:
-        items, duration = self.outputs.ring.kept_items()
+        items, duration, state = self.outputs.ring.kept_items()
         answers = sum(isinstance(item, TickOutput) for item in items)
         if not answers:
             raise UsageError(
@@ -334,8 +333,7 @@ class Session(ABC):
         path = next(free_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
         record = self.parameters.record.model_copy(update={"path": str(path)})
         knee = self._recorded_knee(self.parameters.model_copy(update={"record": record}))
-        provenance = {**knee.provenance, TICKS_BEFORE: str(self.pipeline.ticks - answers)}
-        provenance.pop(STATE, None)  # it is that of now
+        provenance = {**knee.provenance, **beginning(self.pipeline.ticks - answers, state)}
         self.outputs.save_snapshot(items, knee._replace(provenance=provenance))
         return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
 

@@ -3,6 +3,7 @@
 import math
 import struct
 from collections.abc import Mapping
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -267,10 +268,12 @@ class ContactPipeline(Pipeline[ContactAnswer]):
 
     def run_state(self) -> RunState:
         """Return what the next tick depends on, besides the samples that have not been answered yet."""
-        waiting = {id(sample) for sample in self.synchroniser.unpaired_angles}
+        waiting = self.synchroniser.unpaired_angles
+        end = waiting[0].stamp if waiting else math.inf
+        used = takewhile(lambda one: one.stamp < end, self.synchroniser.angles)
         return RunState(
             self.synchroniser.last_pair,
-            [one[:2] + one[3:5] for one in self.synchroniser.angles if id(one) not in waiting],
+            [one[:2] + one[3:5] for one in used],
             [compartment.stream.state() for compartment in self.compartments],
         )
 

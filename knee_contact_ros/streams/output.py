@@ -45,8 +45,8 @@ class RunState(NamedTuple):
     """Stamp of the last tick [ns]; None after a reset"""
     angles: Sequence[Sequence[Any]]
     """Angles that the last tick has used, and the next one may: stamp, angle, height and delay of an `AngleSample`"""
-    numbers: Sequence[Sequence[float]]
-    """`Stream.state` of each compartment"""
+    numbers: Sequence[Any]
+    """`Stream.state` of each compartment, whose method `tolist` gives the numbers"""
 
 
 class RecordedKnee(NamedTuple):

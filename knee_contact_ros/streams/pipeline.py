@@ -22,7 +22,7 @@ from .messages import (
     WrenchStamped,
     encode_joint_state,
 )
-from .output import ANSWERS_FLAGGED, STATUS, TICK, Note
+from .output import ANSWERS_FLAGGED, STATUS, TICK, Note, RunState
 from .pairing import PairedSample, Pairs, Synchroniser
 from .publisher_conflicts import PublisherConflict
 from .timeline import AngleSample, LoadSample
@@ -185,6 +185,10 @@ class Pipeline(ABC, Generic[AnswerT]):
         self.angle_conflict.check_samples()
         self.force_conflict.check_samples()
         return self._answers(self.synchroniser.finish_streams())
+
+    def run_state(self) -> RunState | None:
+        """Return what the next tick depends on, besides the samples that have not been answered yet, if it is known."""
+        return None
 
     def reset(self) -> None:
         """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""

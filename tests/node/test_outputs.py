@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, FileLimits, RecorderSettings
-from knee_contact_ros.node.outputs import Outputs, Ring, sink_of, size_of
+from knee_contact_ros.node.outputs import STATE_SIZE, Outputs, Ring, sink_of, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import OPEN, STARTING, RecordedKnee
@@ -61,22 +61,22 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path, asked, exp
 
 
 def test_a_snapshot_is_no_larger_than_the_queue(started, tmp_path):
-    ring = Ring(1e3, 10**6, 1e6)
+    ring = Ring(1e3, 10**6, 1e6, lambda: None)
     for number in range(3000):
         ring.put_item(answer(number))
-    sink, (items, _) = (
+    sink, (items, *_) = (
         started.recorder(tmp_path / "out.mcap", wait=False, queue=MayWait(10**6, 1.0)),
         ring.kept_items(),
     )
     for item in items:
         sink.put_item(item)
     assert close(sink)
-    assert len(items) == 1_000_000 // size_of(answer(0))
+    assert len(items) == 1_000_000 // (size_of(answer(0)) + STATE_SIZE)
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))
 
 
 def test_a_recording_that_is_not_open_yet_is_named():
-    outputs, states = Outputs(knee := described(), None), {"a": STARTING, "b": OPEN}
+    outputs, states = Outputs(knee := described(), None, lambda: None), {"a": STARTING, "b": OPEN}
     outputs._ending = [
         SimpleNamespace(name=each, state=states[each], failure="") for each in states
     ]  # type: ignore[misc]
