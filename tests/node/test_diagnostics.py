@@ -160,7 +160,7 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock):
 
 
 def test_a_late_timer_shows_its_lag(clock):
-    health = clock.of({"pairing.wait": 0.5})  # looks every 0.125 s
+    health = clock.of({"pairing.wait": 0.5, "deadline": 0.2})  # looks every 0.125 s
     late, waits = [], [0.0, 0.375, 0.125, 0.75, 0.125, 0.0625]
     for later in waits:
         clock.now += later
