@@ -67,7 +67,7 @@ from ..view.output import (
     run_viewer,
     viewer_command,
 )
-from ..view.picture import draw_knee, png_figure
+from ..view.picture import draw_knee, saved_figure
 from .player import Command, Player
 from .replay import Replayer
 from .tables import count_text, show_summary
@@ -278,7 +278,7 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
     angle, height, force = (
         float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force")
     )
-    with png_figure(picture, _PICTURE_SIZE, _PICTURE_DPI, **_PICTURE_STYLE) as figure:
+    with saved_figure({"png": picture}, _PICTURE_SIZE, _PICTURE_DPI, **_PICTURE_STYLE) as figure:
         knee = figure.subplots()
         draw_knee(knee, model, angle, height, force, parameters.body_weight)
         knee.set_title(title)

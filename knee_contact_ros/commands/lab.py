@@ -325,6 +325,12 @@ def calibrate(
     )
 
 
+figures_option = choice_option(
+    "--figures",
+    ["png", "svg", "pdf"],
+    "Format of the files of the figures.",
+    "png",
+)
 study_options = combine_options(
     click.argument("study", type=FILE, metavar="STUDY.yaml"),
     click.option(
@@ -365,7 +371,10 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
 
 @click.command()
 @study_options
-def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -> None:
+@figures_option
+def sensitivity(
+    study: Path, output: str, workers: int | None, scheduler: str, figures: str
+) -> None:
     """Find out which parameters matter.
 
     It writes the indices of Sobol or Morris, with intervals, for depth, pressure, bone contact and force, as a table
@@ -375,7 +384,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
     from ..lab.sensitivity_study import run_sensitivity
 
-    run_sensitivity(study, output, workers or 0, scheduler)
+    run_sensitivity(study, output, workers or 0, scheduler, figures)
 
 
 @click.command()
@@ -467,17 +476,19 @@ def trade(
     metavar="TEXT",
     help="Name of a FILE. Once for each, in their order.",
 )
+@figures_option
 @names_in_bag_options()
 def report(
     files: tuple[Path, ...],
     output: Path,
     given: ParameterOptions,
     in_bag: BagNames,
+    figures: str,
     **options: Any,
 ) -> None:
     """Write a report: figures and tables that need no viewer.
 
-    It writes one page (report.html, which needs no other file), figures (PNG) and data (CSV). A FILE is a recording of
+    It writes one page (report.html, which needs no other file), figures and data (CSV). A FILE is a recording of
     this package, a bag with the inputs, which is computed with --params, or a subject file that names its bag. Several
     files stand side by side. It needs the extra report.
     """
@@ -500,6 +511,7 @@ def report(
             parameters_given=any(given),
             compare=compare,
             names=in_bag.names(),
+            kind=figures,
             **options,
         ),
         output,

@@ -22,6 +22,7 @@ from pydantic import field_validator
 from ..system.errors import IncompleteError
 from ..system.progress import progress
 from ..system.terminal import say
+from ..view.picture import UNDATED, saved_figure
 from .sensitivity import (
     DEFAULT_OUTCOMES,
     ERROR_BOUNDS,
@@ -51,8 +52,8 @@ NAMED_PARAMETERS = 3
 """Number of parameters that a line names"""
 LEAST_NAMED = 0.01
 """Smallest ratio of an index to the largest one for its parameter to be named"""
-PICTURE = "sensitivity_{}.png"
-"""Name of the picture of an outcome"""
+PICTURE = "sensitivity_{}.{}"
+"""Name of the picture of an outcome, in a format"""
 
 
 class SensitivityStudy(Study):
@@ -156,10 +157,8 @@ def sentences(
             yield f"{title}, {each.label}: {text}", "; ".join(doubts)
 
 
-def draw_indices(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
-    """Draw an outcome as PNG: for each combination the bars of its indices."""
-    from matplotlib.figure import Figure
-
+def draw_indices(design: SalibDesign, panels: Sequence[tuple[str, Analysed]], kind: str) -> bytes:
+    """Draw an outcome in a format: for each combination the bars of its indices."""
     title, unit, factor = display_of(panels[0][1].outcome)
     kinds = ["mu_star", "sigma"]
     text = f"{title} [{unit}]" if unit else title
@@ -169,28 +168,29 @@ def draw_indices(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) ->
         factor = 1.0
     names = sum(one.final(kinds[0])["value"] for _, one in panels).sort_values().index
     height = (1.8 + 0.34 * len(names)) * len(panels)  # [in], a bar takes 0.34
-    figure = Figure(figsize=(6.4, height), dpi=150, layout="constrained")
-    axes = figure.subplots(len(panels), squeeze=False).ravel()
-    for (label, one), axis in zip(panels, axes, strict=True):
-        table = one.table.pivot(index="parameter", columns="index")
-        reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
-        (factor * table["value"].loc[names, kinds]).plot.barh(
-            ax=axis,
-            xerr=factor * reach.T.to_numpy(),
-            color=["#0072B2", "#A6CEE8"],
-            width=0.75,
-            ylabel="",
-            xlabel=text,
-            title=textwrap.fill(label.replace("$", r"\$"), 60),
-        )
-        axis.legend(loc="lower right", fontsize=8, frameon=False)
-        axis.spines[["top", "right"]].set_visible(False)
     file = io.BytesIO()
-    figure.savefig(file, format="png", metadata={"Software": None})
+    with saved_figure({kind: file}, (6.4, height), 150) as figure:
+        axes = figure.subplots(len(panels), squeeze=False).ravel()
+        for (label, one), axis in zip(panels, axes, strict=True):
+            table = one.table.pivot(index="parameter", columns="index")
+            reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
+            (factor * table["value"].loc[names, kinds]).plot.barh(
+                ax=axis,
+                xerr=factor * reach.T.to_numpy(),
+                color=["#0072B2", "#A6CEE8"],
+                width=0.75,
+                ylabel="",
+                xlabel=text,
+                title=textwrap.fill(label.replace("$", r"\$"), 60),
+            )
+            axis.legend(loc="lower right", fontsize=8, frameon=False)
+            axis.spines[["top", "right"]].set_visible(False)
     return file.getvalue()
 
 
-def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str) -> None:
+def run_sensitivity(
+    study_file: Path, output: str, workers: int, scheduler: str, kind: str
+) -> None:
     """Compute the missing cases of a study's design, and write its indices and pictures.
 
     Args:
@@ -198,6 +198,7 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
         output: Folder of the results, local or as fsspec spells it.
         workers: Processes on this machine; 0: one for each processor.
         scheduler: Address of a Dask scheduler whose workers compute instead; empty for this machine.
+        kind: Format of the pictures: png, svg or pdf.
 
     Raises:
         UsageError: study, bags, parameters, folder or scheduler cannot be used.
@@ -218,7 +219,7 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
         ]
         text = pd.concat(tables).to_csv(index=False, float_format="%.9g", lineterminator="\n")
         shards.write_file("indices.csv", text.encode())
-        earlier = set(shards.matching(PICTURE.format("*")))
+        earlier = {name for each in UNDATED for name in shards.matching(PICTURE.format("*", each))}
         for outcome in study.outcomes:
             panels = [
                 (each.label, each.analysed[outcome])
@@ -226,8 +227,9 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
                 if not each.analysed[outcome].reason
             ]
             if panels:
-                shards.write_file(PICTURE.format(outcome), draw_indices(study.design, panels))
-                earlier.discard(PICTURE.format(outcome))
+                name = PICTURE.format(outcome, kind)
+                shards.write_file(name, draw_indices(study.design, panels, kind))
+                earlier.discard(name)
         for name in earlier:
             shards.remove_file(name)
     for line, doubts in sentences(study, combinations):

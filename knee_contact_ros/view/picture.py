@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -49,19 +49,32 @@ CURVES_STYLE: dict[str, Any] = {
 """Style of pictures with curves"""
 
 
+UNDATED: dict[str, Any] = {
+    "png": {"Software": None},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+"""Metadata of a picture by its format, without what changes from day to day"""
+VECTOR_STYLE = {"pdf.fonttype": 42, "svg.hashsalt": "knee"}
+"""Letters of PDF files as journals want them, and the same SVG file each time"""
+
+
 @contextmanager
-def png_figure(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> Iterator[Any]:
-    """Yield a matplotlib figure of a size [in] and style to draw on, then write it as PNG into a file or path."""
+def saved_figure(
+    files: Mapping[str, Any], size: tuple[float, float], dpi: int, **style: Any
+) -> Iterator[Any]:
+    """Yield a matplotlib figure of a size [in] and style to draw on, then write it into files or paths by format."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(style):  # type: ignore[arg-type]
+    with mpl.rc_context(VECTOR_STYLE | style):  # type: ignore[arg-type]
         figure = Figure(figsize=size, layout="constrained")
         yield figure
         with warnings.catch_warnings():
             # Of a letter of a name that no font has; a box is drawn instead.
             warnings.filterwarnings("ignore", "Glyph .* missing")
-            figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
+            for kind, file in files.items():
+                figure.savefig(file, format=kind, dpi=dpi, metadata=UNDATED[kind])
 
 
 def draw_knee(

@@ -157,7 +157,7 @@ def study_with(**sensitivity):
     return {"sensitivity": {"n": 8, "ranges": RANGES} | sensitivity}
 
 
-def run(folder, bag, content, scheduler):
+def run(folder, bag, content, scheduler, more=""):
     """The command on a study, into `folder / out`."""
     usual = {
         "bags": [str(bag)],
@@ -166,7 +166,7 @@ def run(folder, bag, content, scheduler):
         "outcomes": ["peak_depth"],
     }
     (folder / "study.yaml").write_text(json.dumps(usual | content))
-    options = f"--output {folder}/out --scheduler {scheduler}"
+    options = f"--output {folder}/out --scheduler {scheduler} {more}"
     return commands.run(f"sensitivity {folder}/study.yaml {options}")
 
 
@@ -205,7 +205,10 @@ def test_a_study_gives_pictures_and_a_tidy_table(tmp_path, short_bag, scheduler,
     assert (
         "384 cases: 128 computed, 128 were there already, 128 the same" in capsys.readouterr().out
     )
-    assert run(tmp_path, short_bag, content | study_with(method="morris"), scheduler) == 0
+    morris = content | study_with(method="morris")
+    assert run(tmp_path, short_bag, morris, scheduler, "--figures svg") == 0
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"cases", "indices.csv", "sensitivity_peak_depth.svg"}
     assert {row["index"] for row in rows(tmp_path)} == {"mu_star", "mu", "sigma"}
 
 

@@ -17,7 +17,7 @@ from ...parameters.schema import Parameters
 from ...system.errors import UsageError
 from ...system.files import require
 from ...system.output_files import check_name_free, check_not_input, write_complete
-from ...view.picture import CURVES_STYLE, png_figure
+from ...view.picture import CURVES_STYLE, saved_figure
 from ..checks import refuse_outside
 from .chart import circle
 from .fit import (
@@ -268,7 +268,7 @@ def picture(found: ProfileFit, name: str) -> bytes:
     heights = [2.5, 1.0, 1.0, *([1.0] if found.thickness else [])]
     style = CURVES_STYLE | {"font.size": 9.5}
     file = io.BytesIO()
-    with png_figure(file, _PICTURE_SIZE, _DOTS_PER_INCH, **style) as canvas:
+    with saved_figure({"png": file}, _PICTURE_SIZE, _DOTS_PER_INCH, **style) as canvas:
         whole, *rows = canvas.subplots(len(heights), 1, height_ratios=heights)
         _draw_slice(whole, found)
         _draw_rows(rows, found)

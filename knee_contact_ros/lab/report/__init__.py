@@ -21,6 +21,7 @@ from ...system.files import install_command
 from ...system.output_files import replace, work_folder
 from ...system.progress import progress
 from ...system.terminal import warn
+from ...view.picture import UNDATED
 from ..paired import paired
 from ..uncertainty import DEFAULT_LEVEL, Propagated
 from . import figures
@@ -51,7 +52,7 @@ _PICTURES = (
     *(q.figure for q in CYCLE_CURVES.values() if q.figure),
 )
 """Patterns of the names of the pictures, without their suffix"""
-_EARLIER_FILES = (*(f"{name}.png" for name in _PICTURES), _UNCERTAINTY_FILE)
+_EARLIER_FILES = (*(f"{name}.{kind}" for name in _PICTURES for kind in UNDATED), _UNCERTAINTY_FILE)
 """Patterns of the files of an earlier report that are removed"""
 UNCERTAINTY_COLUMNS = (
     "input",
@@ -119,7 +120,7 @@ def run_report(options: ReportOptions, output: Path) -> list[Path]:
         with progress("Reading") as bar:
             found = collect(options, work, bar)
             bar.describe("Drawing")
-            files = _contents(found)
+            files = _contents(found, options.kind)
         for name, content in files.items():
             (work / name).write_bytes(content if isinstance(content, bytes) else content.encode())
         for earlier in [path for pattern in _EARLIER_FILES for path in output.glob(pattern)]:
@@ -136,17 +137,17 @@ def run_report(options: ReportOptions, output: Path) -> list[Path]:
     return [output / name for name in files]
 
 
-def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
+def _contents(found: Sequence[ReportRun], kind: str) -> dict[str, str | bytes]:
     """Contents of all files of the report by name, the page first."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     cyclic = [run for run in found if run.gathered.spans]
     known = [(run, _contribution_table(run, run.uncertain)) for run in found if run.uncertain]
     drawn = {
-        "knees": figures.knee_figures(found),
-        "cycle": figures.cycle_figures(found, cyclic) if cyclic else [],
-        "time": figures.time_figures(found),
-        "uncertain": figures.uncertainty_figures(found),
+        "knees": figures.knee_figures(found, kind),
+        "cycle": figures.cycle_figures(found, cyclic, kind) if cyclic else [],
+        "time": figures.time_figures(found, kind),
+        "uncertain": figures.uncertainty_figures(found, kind),
     }
     environment = Environment(
         loader=PackageLoader(__package__ or "", ""),
@@ -177,7 +178,9 @@ def _contents(found: Sequence[ReportRun]) -> dict[str, str | bytes]:
         runs=[(run, differences([run.parameters, Parameters()], " instead of ")) for run in found],
     )
     pictures = {
-        f"{figure.name}.png": figure.png for several in drawn.values() for figure in several
+        f"{figure.name}.{kind}": figure.files[kind]
+        for several in drawn.values()
+        for figure in several
     }
     return {_PAGE: page, **_csv_files(found), **pictures}
 

@@ -115,8 +115,8 @@ class Figure(NamedTuple):
     title: str
     caption: str
     """One or two sentences below the picture"""
-    png: bytes
-    """The picture in PNG format"""
+    files: dict[str, bytes]
+    """The picture by format: PNG for the page, and the format of the file beside it"""
 
 
 _FLEXION = CYCLE_CURVES["flexion_angle_deg"]
@@ -133,17 +133,20 @@ def cycles_of(run: ReportRun, what: Quantity) -> Floats:
 
 
 @contextmanager
-def drawn(into: list[Figure], name: str, title: str, caption: str, height: float) -> Iterator[Any]:
-    """Yield a matplotlib figure of a height [in] to draw on, then add it to the other figures as PNG."""
-    file = io.BytesIO()
-    with picture.png_figure(
-        file,
+def drawn(
+    into: list[Figure], kind: str, name: str, title: str, caption: str, height: float
+) -> Iterator[Any]:
+    """Yield a matplotlib figure of a height [in] to draw on, then add it to the others as PNG and in the format."""
+    files = {"png": io.BytesIO(), kind: io.BytesIO()}
+    with picture.saved_figure(
+        files,
         (_WIDTH, height),
         _DOTS_PER_INCH,
         **picture.CURVES_STYLE | {"figure.dpi": _DOTS_PER_INCH},
     ) as canvas:
         yield canvas
-    into.append(Figure(name, title, caption, file.getvalue()))
+    contents = {kind: file.getvalue() for kind, file in files.items()}
+    into.append(Figure(name, title, caption, contents))
 
 
 def with_comparisons(runs: Sequence[ReportRun]) -> list[list[ReportRun]]:
@@ -187,7 +190,9 @@ def moves(cyclic: Sequence[ReportRun]) -> bool:
     return any(float(np.ptp(cycles_of(run, _POINT).mean(axis=0))) > 0.01 for run in cyclic)
 
 
-def cycle_figures(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> list[Figure]:
+def cycle_figures(
+    runs: Sequence[ReportRun], cyclic: Sequence[ReportRun], kind: str
+) -> list[Figure]:
     """Draw all figures over percent of the gait cycle; `cyclic` are the `runs` with gait cycles."""
     several = any(len(run.gathered.spans) > 1 for run in cyclic)
     lines = ""
@@ -201,7 +206,7 @@ def cycle_figures(runs: Sequence[ReportRun], cyclic: Sequence[ReportRun]) -> lis
         known = [run for run in known if np.isfinite(cycles_of(run, what)).any()]
         if known and (what is not _POINT or moves(known)):
             title = f"{what.title} over the gait cycle"
-            with drawn(figures, what.figure, title, lines + caption, 2.9) as canvas:
+            with drawn(figures, kind, what.figure, title, lines + caption, 2.9) as canvas:
                 _draw_cycles(canvas, runs, known, what)
     return figures
 
@@ -236,7 +241,7 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
     }
 
 
-def time_figures(runs: Sequence[ReportRun]) -> list[Figure]:
+def time_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
     """Draw flexion, contact force and depth over time, in a figure for every run and its comparisons."""
     figures: list[Figure] = []
     for number, group in enumerate(with_comparisons(runs), start=1):
@@ -247,15 +252,15 @@ def time_figures(runs: Sequence[ReportRun]) -> list[Figure]:
         if 0 < len(marks) <= 60:
             caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found."
         title = f"{group[0].name} over time"
-        with drawn(figures, f"over_time_{number}", title, caption, 5.2) as canvas:
+        with drawn(figures, kind, f"over_time_{number}", title, caption, 5.2) as canvas:
             axes = canvas.subplots(3, 1, sharex=True)
             for axis, what in zip(axes, (_FLEXION, _FORCE, _DEPTH), strict=True):
                 # A comparison has the same flexion.
                 for run in group[:1] if what is _FLEXION else group:
                     _draw_course(axis, runs, run, what)
                 if caption:
-                    for begin, kind in zip(marks["time_s"], marks["event"], strict=True):
-                        axis.axvline(begin, linewidth=0.9, zorder=1.5, **_EVENT_LINES[kind])
+                    for begin, event in zip(marks["time_s"], marks["event"], strict=True):
+                        axis.axvline(begin, linewidth=0.9, zorder=1.5, **_EVENT_LINES[event])
                 axis.set_ylabel(f"{what.title.lower()} [{what.unit}]".removeprefix("penetration "))
             axes[-1].set_xlabel("time since the first tick [s]")
             if len(group) > 1:
@@ -276,7 +281,7 @@ def _draw_course(axis: Any, runs: Sequence[ReportRun], run: ReportRun, what: Qua
         axis.axhline(MM * run.parameters.contact.layer_depth, **_BONE_LINE)
 
 
-def knee_figures(runs: Sequence[ReportRun]) -> list[Figure]:
+def knee_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
     """Draw the knee at its peaks, for every run and comparison with known surfaces."""
     figures: list[Figure] = []
     caption = (
@@ -291,7 +296,7 @@ def knee_figures(runs: Sequence[ReportRun]) -> list[Figure]:
         titles = [title for title, _ in _drawn_peaks(group[0])]
         name = f"The knee at the peaks: {group[0].name}"
         height = 3.0 * len(group)
-        with drawn(figures, f"knee_{number}", name, caption, height) as canvas:
+        with drawn(figures, kind, f"knee_{number}", name, caption, height) as canvas:
             rows = canvas.subplots(len(group), len(titles), squeeze=False)
             for row, run, model in zip(rows, group, models, strict=True):
                 label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
@@ -321,7 +326,7 @@ def _drawn_peaks(run: ReportRun) -> list[tuple[str, int]]:
     return peaks or [(f"largest {what}, {time:.2f} s", gathered.largest)]
 
 
-def uncertainty_figures(runs: Sequence[ReportRun]) -> list[Figure]:
+def uncertainty_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
     """Draw depth, force and the effects of uncertain inputs around the largest load or force, for every run."""
     figures: list[Figure] = []
     caption = (
@@ -332,7 +337,7 @@ def uncertainty_figures(runs: Sequence[ReportRun]) -> list[Figure]:
     for number, (run, of) in enumerate(known, start=1):
         name = f"uncertainty_{number}"
         title = f"Uncertainty: {run.label}"
-        with drawn(figures, name, title, caption, 6.0) as canvas:
+        with drawn(figures, kind, name, title, caption, 6.0) as canvas:
             _draw_uncertainty(canvas, run, of)
     return figures
 

@@ -84,6 +84,8 @@ class ReportOptions(NamedTuple):
     """Names of topics in bags"""
     uncertainty: Path | None = None
     """File of standard deviations of inputs and parameters; None: no uncertainty is computed"""
+    kind: str = "png"
+    """Format of the figures' files"""
 
 
 def comparison_values(paths: Sequence[Path]) -> dict[str, Any]:

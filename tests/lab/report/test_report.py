@@ -23,7 +23,7 @@ from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, types_of
-from knee_contact_ros.view.picture import png_figure
+from knee_contact_ros.view.picture import saved_figure
 from tests.helpers.bags import raw_messages
 from tests.helpers.offline import solve
 from tests.lab.report.conftest import RUNS
@@ -83,7 +83,7 @@ def test_all_files_are_there_and_nothing_is_cut_at_the_figures_edges(both):
 
 
 def test_letters_that_the_font_lacks_cause_no_warnings(recwarn):
-    with png_figure(io.BytesIO(), (1.0, 1.0), 50) as figure:
+    with saved_figure({"png": io.BytesIO()}, (1.0, 1.0), 50) as figure:
         figure.text(0.0, 0.0, "右\x1b")
     assert not recwarn.list
 
@@ -266,11 +266,18 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tm
     earlier = ("over_time_7.png", "uncertainty.csv", "uncertainty_1.png", "contact_point.png")
     for name in ("mine.txt", "report.html", *earlier, *FIGURES, *TABLES):
         (out / name).write_text("earlier")
-    report(bag)
-    files = {path.name for path in out.iterdir()}
-    assert files == {"report.html", "knee_1.png", "over_time_1.png", "mine.txt", *TABLES}
+    for kind, begin in (("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", PNG)):
+        report(bag, "--figures", kind)
+        files = {path.name for path in out.iterdir()}
+        assert files == {
+            "report.html",
+            f"knee_1.{kind}",
+            f"over_time_1.{kind}",
+            "mine.txt",
+            *TABLES,
+        }
+        assert (out / f"over_time_1.{kind}").read_bytes().startswith(begin)
     assert (out / "mine.txt").read_text() == "earlier"
-    assert (out / "over_time_1.png").read_bytes().startswith(PNG)
     assert "No two successive heel strikes" in text_of(out)
     assert "Found: heel strikes 0, toe-offs 0, load peaks 0 (" in text_of(out)
     assert rows_of(out / "cycles.csv") == rows_of(out / "peaks.csv") == []
