@@ -201,7 +201,9 @@ def longest_chain(folder: Path) -> int:
     @cache
     def below(name: str) -> int:
         tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
-        found = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.level == 1]
+        found = [
+            node for node in tree.body if isinstance(node, ast.ImportFrom) and node.level == 1
+        ]
         words = {f"{node.module or alias.name}." for node in found for alias in node.names}
         own = {other for other in names for word in words if word.startswith(f"{other}.")}
         return 1 + max(map(below, own - {name}), default=0)
