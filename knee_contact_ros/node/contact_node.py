@@ -56,13 +56,11 @@ from .marker_topic import (
 )
 from .parameters import NodeKind
 from .problems import warning_of
-from .session import OUTPUT_DEPTH, Session
+from .session import CHECK_PERIOD, OUTPUT_DEPTH, Session
 from .stride_topic import STRIDE_PERIOD, StrideTopic
 
 COUNTED = answer_struct("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""
-ANSWER_CHECK_PERIOD = 0.97
-"""Time [s] between two searches for implausible answers; see `session.ANGLE_CHECK_PERIOD`"""
 _CHANGEABLE = frozenset(
     {
         "knee.flexion_offset",
@@ -225,10 +223,10 @@ class ContactSession(Session):
         markers = KneeMarkers(outlines_of_compartments(models, knees, parameters.body_weight))
         self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
         self._strides = StrideTopic(self._publishers[KNEE_CONTACT_STRIDE], parameters.body_weight)
-        self._timed_calls += [
+        self._calls += [
             (MARKER_PERIOD, self._markers.publish_markers),
             (STRIDE_PERIOD, self._strides.publish_strides),
-            (ANSWER_CHECK_PERIOD, health.check_answers),
+            (CHECK_PERIOD, health.check_answers),
         ]
         self._open_outputs()
         if parameters.rerun.mode in ("serve", "spawn"):

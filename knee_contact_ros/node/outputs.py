@@ -85,6 +85,7 @@ class SinkProcess:
         )
         self._sent = 0  # answers that were handed to the process
         self._closed = False  # the last item is in the queue
+        self._send_at = 0.0  # monotonic time [s]
         self._last = Report("", 0)
         self._wake, self._known = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="feeder", daemon=True)
@@ -100,6 +101,12 @@ class SinkProcess:
         self._put_size += size_of(item)
         self._waiting.append(item)
         if not len(self._waiting) % BATCH:  # many may not fit while they are gathered
+            self._wake.set()
+
+    def send_gathered(self, now: float) -> None:
+        """Have the answers sent that were gathered for long enough at a monotonic time [s]; else the thread does it."""
+        if self._waiting and now >= self._send_at:
+            self._send_at = now + self._sink.gather
             self._wake.set()
 
     @property
@@ -226,9 +233,8 @@ class SinkProcess:
         writable.register(connection.fileno(), select.POLLOUT)
         connection.send((self._sink.module, self._sink.arguments))
         while True:
-            self._wake.wait(
-                self._sink.gather if self.state == OPEN and not self._closed else LATEST
-            )
+            gathers = self.state == OPEN and not self._closed
+            self._wake.wait(LATEST + self._sink.gather if gathers else LATEST)
             self._wake.clear()
             while readable.poll(0):
                 self._hear(connection.recv())
@@ -382,6 +388,12 @@ class Outputs:
         self.ring.put_item(item)
         for sink in self.sinks.values():
             sink.put_item(item)
+
+    def send_gathered(self) -> None:
+        """Have answers sent to the outputs that have gathered for long enough; to be called right after an answer."""
+        now = time.monotonic()
+        for sink in self.sinks.values():
+            sink.send_gathered(now)
 
     def start_recording(self, knee: RecordedKnee) -> Path:
         """Start a recording with the next answer, and return the name of its file.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -44,6 +45,7 @@ from .inputs import (
 from .other_publishers import OtherPublishers
 from .outputs import Outputs
 from .problems import LOG_PERIOD, STEADY, at_most_every
+from .regular_work import LONGEST_PAUSE, RegularWork
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
@@ -61,11 +63,12 @@ OVERRIDABLE = (
 DIAGNOSTICS = "/diagnostics"
 DIAGNOSTICS_PERIOD = 1.0
 """Time [s] between two messages of the diagnostics"""
-ANGLE_CHECK_PERIOD = 0.83
-"""Time [s] between two checks for publishers of angles that disagree; unlike the other periods of about a second, as
-checks that are done together would delay the next samples"""
-FORCE_CHECK_PERIOD = 0.91
-"""Likewise for publishers of forces"""
+CHECK_PERIOD = 0.9
+"""Time [s] between two checks of the samples for publishers that disagree, and of the answers"""
+LONGEST_WAIT_PERIOD = 0.025
+"""Longest time [s] between two checks for late angles, and so for regular work while no answers come"""
+SEND_PERIOD = 0.01
+"""Time [s] between two checks whether an output has gathered answers for long enough"""
 
 
 class Session(ABC):
@@ -97,14 +100,17 @@ class Session(ABC):
         self._publishers: dict[str, Any] = {}
         """Publishers by their topics"""
         self._services: list[Any] = []
-        self._timers: list[Any] = []
-        self._timed_calls: list[tuple[float, Callable[[], object]]] = [
-            (self._wait_period, self._on_wait_timer),
+        self._timer: Any = None
+        self._ticks_before = 0  # when the timer last fired
+        self._calls: list[tuple[float, Callable[[], object]]] = [
+            (0.9 * self._wait_period, self._answer_late),  # surely due when the timer fires
+            (DIAGNOSTICS_PERIOD, self._watch_publishers),
             (DIAGNOSTICS_PERIOD, self._publish_diagnostics),
-            (ANGLE_CHECK_PERIOD, pipeline.angle_conflict.check_samples),
-            (FORCE_CHECK_PERIOD, pipeline.force_conflict.check_samples),
+            (CHECK_PERIOD, pipeline.angle_conflict.check_samples),
+            (CHECK_PERIOD, pipeline.force_conflict.check_samples),
         ]
         """Functions that are called regularly while the session is started, each with its period [s]"""
+        self._work: RegularWork
 
     @abstractmethod
     def _publish(self, answer: Any, begin: float) -> None:
@@ -183,6 +189,7 @@ class Session(ABC):
             for name, act in self._services_by_name().items():
                 self._services.append(self._service(name, act))
             self.outputs = Outputs(self._knee(), self.node.get_logger(), self.pipeline.run_state)
+            self._calls.append((SEND_PERIOD, self.outputs.send_gathered))
         except BaseException:
             self.destroy_endpoints()
             raise
@@ -197,7 +204,7 @@ class Session(ABC):
         }
 
     def start_listening(self) -> None:
-        """Open the inputs and the timers."""
+        """Open the inputs, and begin the regular work."""
         # Freeze what exists: the collector stays off in ticks, whose garbage has no cycles, and a timer collects.
         gc.unfreeze()  # what an earlier session has left while another one streams
         gc.collect()
@@ -217,17 +224,17 @@ class Session(ABC):
             stream.start_listening()
         self._watch_publishers()
         self.health.counts.start_timer()
-        for period, act in self._timed_calls:
-            self._timers.append(self.node.create_timer(period, act, clock=STEADY))
+        self._work = RegularWork(self._calls)
+        self._timer = self.node.create_timer(self._wait_period, self._on_timer, clock=STEADY)
 
     @property
     def _wait_period(self) -> float:
         """Time [s] between two checks for late angles."""
-        return float(max(0.25 * self.parameters.pairing.wait, 0.01))
+        return float(min(max(0.25 * self.parameters.pairing.wait, 0.01), LONGEST_WAIT_PERIOD))
 
     def stop_listening(self) -> None:
-        """Close the inputs and the timers; answer waiting samples."""
-        if self._timers:
+        """Close the inputs; answer waiting samples."""
+        if self._timer:
             self._answer_all()
             self.pipeline.synchroniser.clear_angles()
             self.pipeline.frame.forget_frame()
@@ -237,9 +244,9 @@ class Session(ABC):
             gc.unfreeze()
         for stream in self.inputs:
             stream.stop_listening()
-        for timer in self._timers:
-            self.node.destroy_timer(timer)
-        self._timers = []
+        if self._timer:
+            self.node.destroy_timer(self._timer)
+            self._timer = None
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
@@ -347,9 +354,15 @@ class Session(ABC):
         }
         return self._recorded_knee(self.parameters.model_copy(update=update))
 
-    def _on_wait_timer(self) -> None:
-        """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
+    def _on_timer(self) -> None:
+        """Note the lag, and do the regular work while no answers come, or what they come too rarely for."""
         self.health.counts.note_timer(self._wait_period)
+        before, self._ticks_before = self._ticks_before, self.pipeline.ticks
+        overdue = self._wait_period if before < self.pipeline.ticks else 0.0
+        self._work.do_due(time.perf_counter() - overdue, math.inf)
+
+    def _answer_late(self) -> None:
+        """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
         self.health.tell_first_second(self.inputs)
@@ -362,13 +375,16 @@ class Session(ABC):
         gc.collect(0)  # often and little: in a second there is much to look through
 
     def _publish_all(self, answers: Iterator[Any]) -> None:
-        """Publish answers one after another, each as soon as it is computed."""
+        """Publish answers one after another, each as soon as it is computed; then do regular work that is due."""
         begin = time.perf_counter()
         if self.pipeline.notes:
             self._hand_over_notes()
+        answer = None
         for answer in answers:
             self._publish(answer, begin)
             begin = time.perf_counter()
+        if answer:
+            self._work.do_due(begin, begin + LONGEST_PAUSE)
         if self.pipeline.last_refusal:
             text = f"sample refused: {self.pipeline.last_refusal}"
             self.node.get_logger().warning(text, **at_most_every(LOG_PERIOD))
@@ -394,6 +410,5 @@ class Session(ABC):
             self.node.get_logger().info("the answers have no other publisher any more")
 
     def _publish_diagnostics(self) -> None:
-        self._watch_publishers()
         report = self.health.report_diagnostics(self.inputs, self.outputs)
         self._publishers[DIAGNOSTICS].publish(report)
