@@ -141,7 +141,7 @@ def header_of(path: Path, wanted: Collection[ColumnName], table_format: TableFor
     """
     suffix = path.suffix.lower()
     if suffix in {".sto", ".mot"}:
-        return storage_header(path)
+        return storage_header(path, quaternions=True)
     if suffix == ".c3d":
         from .c3d import c3d_header
 
@@ -171,8 +171,8 @@ def _parquet_header(path: Path) -> Header:
         raise unreadable(path, error) from None
 
 
-def storage_header(path: Path) -> Header:
-    """Read the names and the header of a storage file.
+def storage_header(path: Path, *, quaternions: bool = False) -> Header:
+    """Read the names and the header of a storage file; if allowed, `quaternions` of OpenSense become four columns each.
 
     OpenSim 4.6 writes an empty header and parts of a second one in `*_states.sto`, so the names are the line right
     above the numbers. Tabs or commas may separate columns; with tabs, names may contain blanks.
@@ -189,10 +189,13 @@ def storage_header(path: Path) -> Header:
         )
     pairs = (line.partition("=") for line in lines[:end])
     entries = {key.strip().lower(): value.strip() for key, _, value in pairs}
-    if entries.get("datatype", "double").lower() != "double":
-        raise UsageError(
-            f"{path} holds {entries['datatype']} (DataType in its header); only numbers can be read"
-        )
+    kind = entries.get("datatype", "double").lower()
+    if kind == "quaternion" and quaternions:
+        return _of_quaternions(path, lines, end, entries)
+    if kind != "double":
+        hint = "angle.orientations of import-csv reads them" if kind == "quaternion" else ""
+        hint = hint or "only numbers can be read"
+        raise UsageError(f"{path} holds {entries['datatype']} (DataType in its header); {hint}")
     below = [n for n in range(end + 1, len(lines)) if lines[n]]
     first_cells = (re.split(r"[\s,;]+", lines[n])[0] for n in below)
     first = next((n for n, cell in enumerate(first_cells) if is_number(cell)), 0)
@@ -214,6 +217,15 @@ def storage_header(path: Path) -> Header:
         entries=entries,
         decimal="," if comma else ".",
     )
+
+
+def _of_quaternions(path: Path, lines: list[str], end: int, entries: Mapping[str, str]) -> Header:
+    """Read a storage file with a quaternion w,x,y,z in each cell; `imu` becomes `imu.w` and so on."""
+    line = next((n for n in range(end + 1, len(lines)) if lines[n]), end)
+    time, *sensors = lines[line].split()
+    names = (time, *(f"{sensor}.{part}" for sensor in sensors for part in "wxyz"))
+    text = "\n".join(each.replace(",", "\t") for each in lines)
+    return Header(path, names, line + 1, "\t", text, entries=entries, decimal=".")
 
 
 def _text_header(path: Path, wanted: Collection[ColumnName], table_format: TableFormat) -> Header:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from ..model.types import Floats, Stamps
 from ..parameters.sections import Section, first_error, one_of
 from ..streams.topics import NANOSECONDS
 from ..system.errors import UsageError, list_names, suggest
@@ -71,7 +72,8 @@ class MapChannel(Section):
 
     @model_validator(mode="after")
     def _one_way(self) -> MapChannel:
-        if (self.column is None) == (self.columns is None):
+        ways = self.column, self.columns, getattr(self, "orientations", None)
+        if sum(way is not None for way in ways) != 1:
             raise ValueError("allowed: either column or columns")
         if self.scale == 0.0 or not any(self.weights.values()):
             raise ValueError("allowed: a scale and at least one weight that are not 0")
@@ -101,10 +103,59 @@ class SignedChannel(MapChannel):
         return self.sign
 
 
+class Orientations(Section):
+    """Orientations of two inertial sensors as quaternions, in columns of one file."""
+
+    thigh: ColumnName | list[ColumnName] = Field(
+        description="columns w, x, y, z; or what stands before .w, .x, .y, .z in their names"
+    )
+    shank: ColumnName | list[ColumnName] = Field(description="likewise")
+    standing: float = Field(
+        1.0,
+        ge=0.0,
+        le=3600.0,
+        description="[s] of standing at the beginning, which is the zero; 0: the axes agree in a straight knee",
+    )
+
+    @property
+    def names(self) -> list[ColumnName]:
+        """Columns of the thigh's quaternion, then of the shank's."""
+        return [
+            name
+            for given in (self.thigh, self.shank)
+            for name in (
+                given if isinstance(given, list) else [f"{given}.{part}" for part in "wxyz"]
+            )
+        ]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Orientations:
+        if len(set(self.names)) != 8:
+            raise ValueError("allowed: four different columns of each, w, x, y, z")
+        return self
+
+
 class AngleChannel(SignedChannel):
     """Flexion angle of the knee."""
 
     joint: str = Field(gait_bag.JOINT, min_length=1, description="name in joint_states")
+    orientations: Orientations | None = Field(
+        None, description="of thigh and shank, in place of a column and its unit"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_radians(cls, values: Any) -> Any:
+        if isinstance(values, dict) and values.get("orientations"):
+            return {"unit": "rad", **values}
+        return values
+
+    @property
+    def weights(self) -> dict[ColumnName, float]:
+        """Weights by the names or places of the columns."""
+        return (
+            dict.fromkeys(self.orientations.names, 1.0) if self.orientations else super().weights
+        )
 
 
 class LoadChannel(MapChannel):
@@ -294,7 +345,7 @@ def _suggestion(error: ValidationError) -> str:
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
-    sections = (SensorMap, TableFormat, TimeColumn, AngleChannel, LoadChannel)
+    sections = (SensorMap, TableFormat, TimeColumn, AngleChannel, LoadChannel, Orientations)
     names = [name for section in sections for name in section.model_fields]
     return f"; {suggest(str(first['loc'][-1]), names)}"
 
@@ -491,7 +542,14 @@ def _series(
     if lost:
         notes.append(f"{name}: {lost} of {rows} rows left out, as a number is missing")
     factor = to_si * channel.scale * channel.orientation
-    values = (table.values[complete][:, places] @ [*channel.weights.values()]) * factor
+    stamps = table.stamps[complete]
+    columns = table.values[complete][:, places]
+    doubts = table.doubts
+    if isinstance(channel, AngleChannel) and channel.orientations:
+        values, doubts = _flexion(table, stamps, columns, channel.orientations.standing)
+        values *= factor
+    else:
+        values = (columns @ [*channel.weights.values()]) * factor
     terms = (
         str(column) if weight == 1.0 else f"{weight:g} {column}"
         for column, weight in channel.weights.items()
@@ -499,9 +557,37 @@ def _series(
     if channel.offset:
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
-    stamps = table.stamps[complete]
-    return TimeSeries(
-        name, table.path, " + ".join(terms), stamps, values, tuple(notes), table.doubts
+    return TimeSeries(name, table.path, " + ".join(terms), stamps, values, tuple(notes), doubts)
+
+
+def _flexion(
+    table: Table, stamps: Stamps, columns: Floats, standing: float
+) -> tuple[Floats, tuple[str, ...]]:
+    """Return the flexion [rad] of quaternions of thigh and shank, w, x, y, z each, and doubts about it.
+
+    `standing` is the time [s] of standing at the beginning.
+
+    Raises:
+        UsageError: a row is no quaternion, or the person does not stand still.
+    """
+    from ..streams.orientations import KneeRotation, rotations, standing_pose
+
+    try:
+        thigh, shank = (rotations(columns[:, first + np.array([1, 2, 3, 0])]) for first in (0, 4))
+    except ValueError as error:
+        raise UsageError(f"{table.path}: {error}, w last (map: angle.orientations)") from None
+    turned = thigh.inv() * shank
+    first = stamps <= stamps[0] + standing * NANOSECONDS
+    zero, fault = standing_pose(turned[first]) if standing else (turned[:1] * turned[:1].inv(), "")
+    if fault:
+        raise UsageError(
+            f"{table.path}: in the first {standing:g} s {fault} (map: angle.orientations.standing)"
+        )
+    knee = KneeRotation()
+    angles = knee.flexion(turned, zero)
+    return angles, (
+        *table.doubts,
+        *filter(None, [f"{table.path}: {knee.doubt}" * bool(knee.doubt)]),
     )
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.commands.main import main
 from tests.joint_reaction.test_conventions import stance
@@ -202,3 +203,72 @@ def test_forces_per_mass_and_brackets_without_a_unit(importing):
     )
     assert importing(table, text) == 0
     np.testing.assert_allclose(loads_of(content()[1]), load(time), atol=1e-3)
+
+
+def of_sensors(stood=1.0, drift=0.0):
+    """Quaternions w, x, y, z of thigh and shank, worn anyhow; headings drift apart by so many degrees."""
+    time = np.arange(800) / 100.0
+    knee = flexion(time) * np.clip(3.0 * (time - stood), 0.0, 1.0)
+    thigh = 20.0 * np.sin(5.0 * time) * np.clip(3.0 * (time - stood), 0.0, 1.0)
+    mounted = Rotation.from_euler("xyz", [[10, 100, 40], [-30, 60, 170]], degrees=True)
+    lateral = np.array([0.6, 0.8, 0.0])  # z is up
+    turning = Rotation.from_rotvec(np.radians(thigh)[:, None] * lateral)
+    heading = Rotation.from_euler(
+        "z", drift * np.clip(time - 1.0, 0.0, 1.0)[:, None], degrees=True
+    )
+    shank = heading * turning * Rotation.from_rotvec(-np.radians(knee)[:, None] * lateral)
+    found = [
+        (each * mount).as_quat() for each, mount in zip((turning, shank), mounted, strict=True)
+    ]
+    return time, knee, np.hstack([each[:, [3, 0, 1, 2]] for each in found])
+
+
+def of_orientations(columns, time):
+    names = [f"{segment}.{part}" for segment in ("thigh", "shank") for part in "wxyz"]
+    table = dict(zip(names, columns.T, strict=True))
+    return {"time_s": time, **table, "load": load(time)}
+
+
+SENSOR_MAP = """\
+time: {column: time_s}
+angle: {orientations: {thigh: thigh, shank: [shank.w, shank.x, shank.y, shank.z]}}
+load: {column: load, unit: N}
+"""
+
+
+def test_orientations_of_thigh_and_shank_give_the_angle(importing, capsys):
+    time, knee, columns = of_sensors()
+    assert importing(of_orientations(columns, time), SENSOR_MAP) == 0
+    np.testing.assert_allclose(angles_of(content()[0]), knee, atol=0.2)
+    rows = [
+        f"{t}\t{','.join(map(str, row[:4]))}\t{','.join(map(str, row[4:]))}"
+        for t, row in zip(time, columns, strict=True)
+    ]
+    head = "DataType=Quaternion\nversion=3\nendheader\ntime\tfemur_r_imu\ttibia_r_imu"
+    Path("imu.sto").write_text("\n".join([head, *rows]))
+    names = SENSOR_MAP.replace("thigh: thigh", "thigh: femur_r_imu").replace(
+        "[shank.w, shank.x, shank.y, shank.z]", "tibia_r_imu"
+    )
+    write_csv(Path("load.csv"), {"time_s": time, "load": load(time)})
+    assert importing(None, names, "--overwrite", files=["imu.sto", "load.csv"]) == 0
+    np.testing.assert_allclose(angles_of(content()[0]), knee, atol=0.2)
+    capsys.readouterr()
+    arguments = ["--kinematics=imu.sto", "--reactions=imu.sto", "--output=x", "--side=right"]
+    assert main(["import-opensim", *arguments]) == 2
+    assert "angle.orientations of import-csv reads them" in in_a_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"drift": 40.0}, "have the headings of the two sensors drifted apart"),
+        ({"stood": 0.2}, "and a standing one is still (map: angle.orientations.standing)"),
+        (None, "row 6: 0, 0, 0, 2 is no quaternion of unit length, w last"),
+    ],
+)
+def test_orientations_that_cannot_be_right_are_refused(importing, capsys, change, words):
+    time, _, columns = of_sensors(**(change or {}))
+    if change is None:
+        columns[5] = 2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0
+    assert importing(of_orientations(columns, time), SENSOR_MAP) == 2
+    assert words in in_a_line(capsys.readouterr().err)
