@@ -20,7 +20,6 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.leg import DrawnLeg
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
-    RESET,
     change_record,
     provenance_record,
     read_provenance,
@@ -36,7 +35,6 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.output import TICK
 from knee_contact_ros.streams.topics import recorded_topics
 
 BEGIN = 10**12
@@ -56,6 +54,8 @@ class DrawnRun:
         parameters = load_parameters({"pairing.max_gap": dice.choice((0.05, 0.1, 0.2))})
         self._pipeline = ContactPipeline(parameters, compiled=True)
         self._leg = DrawnLeg()
+        self._jump = 0
+        """Time [ns] by which clocks have jumped at resets"""
         self.held = 0
         """Number of the first answer with a held angle, or of all answers"""
         with BagWriter(path) as bag:
@@ -79,7 +79,7 @@ class DrawnRun:
             (dice.uniform(0.3, LONGEST_RUN), dice.randrange(2), dice.uniform(-0.7, 0.7) ** 3)
             for _ in range(dice.randint(0, 2))
         ]
-        latencies = dice.choice((0.0, 0.003, 0.03)), dice.choice((0.0, 0.003))
+        latencies = dice.choice((0.0, 0.003, 0.03)), dice.choice((0.0, 0.003, 0.03))
         faulty = dice.choice((0.0, 0.02))
         events: list[tuple[float, int, float, Any]] = [(time, 2, time, act) for time, act in rare]
         for i in range(int(LONGEST_RUN * rate)):
@@ -94,6 +94,7 @@ class DrawnRun:
             yield what if kind == 2 else partial(self._push, kind, time, what)
 
     def _push(self, stream: int, time: float, stamp: int) -> None:
+        stamp += self._jump
         if stream == 0:
             angle = 0.5 + 0.4 * math.sin(5.0 * time)
             state = JointState(stamp, "", ("knee",), (angle,), (), ())
@@ -114,11 +115,11 @@ class DrawnRun:
                 self.held += 1
 
     def _reset(self) -> None:
+        self._jump += self._dice.choice((0, 0, -500_000_000, 10**10))
         self._take(self._pipeline.finish_streams())
-        self._pipeline.synchroniser.clear_streams()
-        self._pipeline.reset()
+        note = self._pipeline.reset()
         self._take(iter(()))
-        self._writer.write_note(RESET, {TICK: str(self._pipeline.ticks)})
+        self._writer.write_note(*note)
 
     def _change(self) -> None:
         changes = {"contact.damping": self._dice.uniform(1e3, 9e3)}

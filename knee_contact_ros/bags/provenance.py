@@ -18,8 +18,10 @@ from ..streams.output import (
     ANSWERS_FLAGGED,
     LOAD_PROVENANCE,
     PROVENANCE,
+    RESET,
     STATUS,
     TICK,
+    WAITING,
     RunState,
 )
 from ..system.errors import UsageError
@@ -29,8 +31,6 @@ from .recorder import CONTINUED
 
 PARAMETERS_CHANGED = "parameters_changed"
 """Name of the metadata record of changed parameters in a running node"""
-RESET = "reset"
-"""Name of the metadata record of a reset of a running node"""
 TICKS_BEFORE = "ticks_before"
 """Key for the number of ticks that the node had computed before the recording began"""
 STATE = "state"
@@ -52,6 +52,8 @@ class Change(NamedTuple):
     """Number of ticks in the recording before the change"""
     values: dict[str, Any] | None
     """Changed parameters by name; None for a reset"""
+    waiting: int = 0
+    """Number of angles that had come before a reset and belong to later answers"""
 
 
 class Flags(NamedTuple):
@@ -248,7 +250,7 @@ def _state_in(bag: Path, record: Mapping[str, str]) -> RunState | None:
     if STATE not in record or record.get("model_sha256") != model_digest():
         return None
     try:
-        stamp, angles, numbers = json.loads(record[STATE])
+        stamp, angles, numbers, *waiting = json.loads(record[STATE])
         return RunState(
             None if stamp is None else int(stamp),
             [
@@ -256,6 +258,7 @@ def _state_in(bag: Path, record: Mapping[str, str]) -> RunState | None:
                 for at, angle, height, delay in angles
             ],
             [list(map(float, each)) for each in numbers],
+            *map(int, waiting),
         )
     except (TypeError, ValueError, RecursionError):
         raise UsageError(f"{bag}: its record {PROVENANCE} has a damaged {STATE}") from None
@@ -313,9 +316,10 @@ def _changes(
         try:
             tick = int(values[TICK]) - before
             changed = {key: json.loads(value) for key, value in values.items() if key != TICK}
-        except (KeyError, ValueError, RecursionError):
+            waiting = int(changed.get(WAITING, 0))
+        except (KeyError, TypeError, ValueError, RecursionError):
             when = f" (tick {values[TICK]})" if values.get(TICK) else ""
             damage.append(f"a record {name}{when} is damaged; its change is not repeated")
             continue
-        changes.append(Change(tick, changed if name == PARAMETERS_CHANGED else None))
+        changes.append(Change(tick, None if name == RESET else changed, waiting))
     return sorted(changes, key=lambda change: change.tick), damage

@@ -15,7 +15,7 @@ import click
 from ..bags.answers import answer_blocks, answer_topics
 from ..bags.bag import Bag
 from ..bags.folder import others_beside
-from ..bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
+from ..bags.provenance import PARAMETERS_CHANGED, Change, read_provenance
 from ..model.knee import KneeModel
 from ..model.types import Rows
 from ..offline.held_answers import doubt_of
@@ -25,6 +25,7 @@ from ..parameters.curves import curve_texts
 from ..parameters.files import load_parameters
 from ..parameters.schema import Parameters
 from ..streams.compartments import compartment_of_topic
+from ..streams.output import RESET
 from ..streams.topics import (
     KNEE,
     LATERAL,

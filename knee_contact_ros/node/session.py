@@ -19,7 +19,6 @@ from std_srvs.srv import Trigger
 
 from ..bags.provenance import (
     PARAMETERS_CHANGED,
-    RESET,
     beginning,
     change_record,
 )
@@ -27,7 +26,7 @@ from ..model.types import Status
 from ..parameters.sources import WRENCH_STAMPED_TYPE, source_of
 from ..streams.conversion import converters
 from ..streams.frames import FORCE_TURNED
-from ..streams.output import TICK, Note, RecordedKnee
+from ..streams.output import Note, RecordedKnee
 from ..streams.pipeline import Pipeline
 from ..streams.topics import JOINT_STATES, Ending, TickOutput
 from ..system.errors import UsageError
@@ -235,7 +234,8 @@ class Session(ABC):
     def stop_listening(self) -> None:
         """Close the inputs; answer waiting samples."""
         if self._timer:
-            self._answer_all()
+            self._publish_all(self.pipeline.finish_streams())
+            self.pipeline.synchroniser.clear_streams()
             self.pipeline.synchroniser.clear_angles()
             self.pipeline.frame.forget_frame()
         self.streaming.discard(self)
@@ -306,16 +306,11 @@ class Session(ABC):
 
         return self.node.create_service(Trigger, f"~/{name}", answer)
 
-    def _answer_all(self) -> None:
-        """Answer all forces that wait or were held back, and forget the streams."""
-        self._publish_all(self.pipeline.finish_streams())
-        self.pipeline.synchroniser.clear_streams()
-
     def _reset(self) -> str:
-        self._answer_all()
-        self.pipeline.reset()
+        self._publish_all(self.pipeline.finish_streams())
+        note = self.pipeline.reset()
         self._hand_over_notes()
-        self.outputs.put_item(Note(RESET, {TICK: str(self.pipeline.ticks)}))
+        self.outputs.put_item(note)
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:

@@ -13,7 +13,6 @@ from ..bags.leg import DrawnLeg
 from ..bags.names import OWN_NAMES, Names
 from ..bags.provenance import (
     PARAMETERS_CHANGED,
-    RESET,
     Change,
     Flags,
     Provenance,
@@ -25,7 +24,7 @@ from ..model.ringing import Ringing
 from ..parameters.files import all_values, load_parameters
 from ..parameters.schema import Parameters, has_two_compartments
 from ..streams.contact_pipeline import ContactAnswer, ContactPipeline
-from ..streams.output import PROVENANCE, TICK
+from ..streams.output import PROVENANCE
 from ..streams.topics import recorded_topics
 from ..streams.watch import held_sentence, unanswered_sentence
 from ..system.errors import UsageError
@@ -255,11 +254,9 @@ class SolveRun:
             if isinstance(change, Flags):
                 self.pipeline.synchroniser.flag_from_now("recorded", change.status)
                 continue
-            tick, values = change
+            tick, values, waiting = change
             if values is None:
-                self.pipeline.synchroniser.clear_streams()
-                self.pipeline.reset()
-                self._recorder.write_note(RESET, {TICK: str(tick)})
+                self._recorder.write_note(*self.pipeline.repeat_reset(waiting))
                 continue
             try:
                 changed = load_parameters(all_values(self.pipeline.parameters) | values)

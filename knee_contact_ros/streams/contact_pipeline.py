@@ -271,10 +271,12 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         waiting = self.synchroniser.unpaired_angles
         end = waiting[0].stamp if waiting else math.inf
         used = takewhile(lambda one: one.stamp < end, self.synchroniser.angles)
+        last = self.synchroniser.last_pair
         return RunState(
-            self.synchroniser.last_pair,
+            last,
             [one[:2] + one[3:5] for one in used],
             [compartment.stream.state() for compartment in self.compartments],
+            0 if last is not None else self.synchroniser.unpaired,
         )
 
     def resume_recording(self, ticks_before: int, state: RunState | None = None) -> None:
@@ -293,7 +295,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         angles = [AngleSample(stamp, angle, b"", *more) for stamp, angle, *more in state.angles]
         self.synchroniser.resume(angles, (), (), state.stamp)
         if state.stamp is None:  # the node was reset after its last tick
-            self.synchroniser.restart()
+            self.repeat_reset(state.waiting)
             return
         for compartment, numbers in zip(self.compartments, state.numbers, strict=True):
             compartment.stream.resume(state.stamp, numbers)

@@ -32,6 +32,10 @@ LOAD_PROVENANCE = "knee_load"
 """Name of that record for estimated joint reactions; the other name would let them be computed again as contacts"""
 
 
+RESET = "reset"
+"""Name of the metadata record of a reset"""
+WAITING = "waiting"
+"""Key in this record for the number of angles that had come and belong to later answers"""
 ANSWERS_FLAGGED = "answers_flagged"
 """Name of the metadata record of bits of `Status` that all later answers have, until the next such record"""
 STATUS = "status"
@@ -47,6 +51,8 @@ class RunState(NamedTuple):
     """Angles that the last tick has used, and the next one may: stamp, angle, height and delay of an `AngleSample`"""
     numbers: Sequence[Any]
     """`Stream.state` of each compartment, whose method `tolist` gives the numbers"""
+    waiting: int = 0
+    """Number of angles that had come before a reset and belong to later answers"""
 
 
 class RecordedKnee(NamedTuple):

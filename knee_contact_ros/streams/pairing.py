@@ -105,10 +105,14 @@ class Synchroniser:
         self._flags = STATUS_OK
 
     @property
+    def unpaired(self) -> int:
+        """Number of angles that belong to no pair yet."""
+        return len(self._earlier_angles) + len(self.unpaired_angles)
+
+    @property
     def fill(self) -> float:
         """Fill of the fuller one of the queues, from 0 to 1 at `pairing.queue`."""
-        unpaired = len(self._earlier_angles) + len(self.unpaired_angles)
-        return max(len(self.waiting_loads), unpaired) / self._queue
+        return max(len(self.waiting_loads), self.unpaired) / self._queue
 
     @property
     def lead(self) -> float | None:
@@ -275,7 +279,7 @@ class Synchroniser:
                 self.clear_angles()
             self.angles.append(sample)
             self.unpaired_angles.append(sample)
-        while len(self._earlier_angles) + len(self.unpaired_angles) > self._queue:
+        while self.unpaired > self._queue:
             if self._earlier_angles:
                 self._earlier_angles.pop(0)
             else:
@@ -289,7 +293,8 @@ class Synchroniser:
         for sample in samples:
             if self._last_load is not None and sample.stamp <= self._last_load:
                 yield from self.flush_expired()
-                self.restart()
+                if self.last_pair is not None:
+                    self.restart()
             self._last_load = sample.stamp
             if self.angles and sample.stamp < self.angles[0].stamp - self._max_gap:
                 self._has_paired = True

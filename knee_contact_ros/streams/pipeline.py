@@ -22,7 +22,7 @@ from .messages import (
     WrenchStamped,
     encode_joint_state,
 )
-from .output import ANSWERS_FLAGGED, STATUS, TICK, Note, RunState
+from .output import ANSWERS_FLAGGED, RESET, STATUS, TICK, WAITING, Note, RunState
 from .pairing import PairedSample, Pairs, Synchroniser
 from .publisher_conflicts import PublisherConflict
 from .timeline import AngleSample, LoadSample
@@ -190,10 +190,21 @@ class Pipeline(ABC, Generic[AnswerT]):
         """Return what the next tick depends on, besides the samples that have not been answered yet, if it is known."""
         return None
 
-    def reset(self) -> None:
-        """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
+    def reset(self) -> Note:
+        """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame.
+
+        Returns the note to record; all samples that came are answered before (`finish_streams`).
+        """
+        self.synchroniser.clear_streams()
         self.frame.forget_frame()
         self.synchroniser.restart()
+        return Note(RESET, {TICK: str(self.ticks), WAITING: str(self.synchroniser.unpaired)})
+
+    def repeat_reset(self, waiting: int) -> Note:
+        """Reset as the node of a recording did while this number of angles waited, which the next messages are."""
+        note = self.reset()
+        self.synchroniser.angle_time.known = waiting
+        return note._replace(values=note.values | {WAITING: str(waiting)})
 
     @property
     def flags_note(self) -> Note:

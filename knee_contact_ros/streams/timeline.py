@@ -117,6 +117,8 @@ class Timeline(Generic[S]):
         """Number of samples that holes in the stamps, up to `max_gap`, show to be missing; a longer one is flagged"""
         self.set_back = 0
         """Time [ns] by which the clock was set back, for less than `max_gap` and for good"""
+        self.known = 0
+        """Number of the next samples that were accepted before the stream was cleared"""
         self.on_set_back: Callable[[], object] = lambda: None
         """Function that is called when `set_back` has changed"""
         self._late: list[int] = []  # stamps of refused samples that continue each other
@@ -133,6 +135,9 @@ class Timeline(Generic[S]):
 
         If the stream has jumped back, the stamp of the first one is not later than the previous `last`.
         """
+        if self.known > 0:
+            self.known -= 1
+            return [sample]
         stamp = sample.stamp
         last = self.last
         held_back = self.held_back

@@ -99,13 +99,13 @@ def test_changes_of_the_node_are_repeated(right_bag, tmp_path):
         bag.add_metadata(
             "parameters_changed", change_record(1100, {"contact.damping": 0.0, "deadline": 0.5})
         )
-        bag.add_metadata("reset", {"tick": "1200"})
+        bag.add_metadata("reset", {"tick": "1200", "waiting": "1"})
     found = read_provenance(recording)
     assert found is not None
     assert found.parameters.load.share == 0.6
     assert found.changes == (
         Change(100, {"contact.damping": 0.0, "deadline": 0.5}),
-        Change(200, None),
+        Change(200, None, 1),
     )
     redone = tmp_path / "redone.mcap"
     solve(right_bag, found, redone)
@@ -117,7 +117,7 @@ def test_changes_of_the_node_are_repeated(right_bag, tmp_path):
     again = read_provenance(redone)
     assert again is not None
     assert again.changes == found.changes
-    assert dict(metadata(redone))["reset"] == {"tick": "200"}
+    assert dict(metadata(redone))["reset"] == {"tick": "200", "waiting": "1"}
 
 
 BROKEN = {

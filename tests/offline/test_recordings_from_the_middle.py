@@ -63,7 +63,6 @@ def recorded(knee, path, begin, reset=False):
     if reset:
         for _ in pipeline.finish_streams():
             pass
-        pipeline.synchroniser.clear_streams()
         pipeline.reset()
     with BagWriter(path) as bag:
         state = pipeline.run_state()
