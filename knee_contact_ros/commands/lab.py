@@ -75,6 +75,15 @@ sensor_map_option = path_option(
     metavar="NAME",
     help="Column or coordinate of the angle. [default: the one with knee and side in its name]",
 )
+@number_option(
+    "--body-weight",
+    0.0,
+    1e5,
+    None,
+    "Body weight [N]. [default: that of the model]",
+    "N",
+    min_open=True,
+)
 @choice_option(
     "--angle-unit",
     ["auto", "deg", "rad"],

@@ -193,6 +193,7 @@ def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> 
     coordinate = coordinate_of(column)
     kinematics = kinematics.needed([column], start, end)
     weight, bounds = results.read_model(files.model, coordinate) if files.model else (None, None)
+    weight = settings.body_weight or weight
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, bounds)
     degrees = checks.angle_unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reactions(reactions, side, settings.joint)

@@ -66,6 +66,8 @@ class ImportSettings(NamedTuple):
     """Rate of interpolated samples [Hz]; None: every row keeps its stamp"""
     anyway: bool = False
     """Whether to import what is likely a mistake"""
+    body_weight: float | None = None
+    """Body weight [N]; None: that of the model, if there is one"""
 
 
 class JointReaction(NamedTuple):
