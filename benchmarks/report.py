@@ -47,7 +47,7 @@ def processor() -> str:
 
 
 def machine(*distributions: str) -> str:
-    """Describe processor, system, Python, versions of installed distributions, time, and load of the last minute."""
+    """Describe processor, system, Python, versions of installed distributions, and time."""
     versions = [
         f"{name} {found}"
         for name in ("numpy", "scipy", *distributions)
@@ -55,10 +55,7 @@ def machine(*distributions: str) -> str:
     ]
     system = f"{os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}"
     now = datetime.now().astimezone()
-    return (
-        f"{', '.join([processor(), system, *versions])}; {now:%Y-%m-%d %H:%M}, "
-        f"load average at that time {os.getloadavg()[0]:.2f}"
-    )
+    return f"{', '.join([processor(), system, *versions])}; {now:%Y-%m-%d %H:%M}"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

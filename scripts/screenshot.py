@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Render a scene to a picture without a screen: `screenshot.py FILE.rrd OUT.png [SECONDS]`.
 
-SECONDS sets the time cursor on the stamp timeline; in place of a file, the address that a node serves on. The picture
-has 256 colours, which halves it. On Debian this needs mesa-vulkan-drivers and libgl1-mesa-dri.
+SECONDS sets the time cursor on the stamp timeline, where live stamps are seconds since 1970; in place of a file, the
+address that a node serves on. The picture has 256 colours, which halves it. On Debian this needs mesa-vulkan-drivers
+and libgl1-mesa-dri.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from tests.helpers.viewer import rendered
 
 def main() -> int:
     """Render the picture."""
+    if len(sys.argv) < 3:
+        raise SystemExit(__doc__)
     scene, picture, *seconds = sys.argv[1:]
     with rendered(scene) as screen:
         if seconds:

@@ -53,7 +53,7 @@ def test_models_and_streams_fit_a_line():
     model = knee_contact_ros.load_model()
     assert (
         repr(model)
-        == "<KneeModel: circle on plane, hinge, contact law in 1 layer(s), force drive>"
+        == "<KneeModel: circle on plane, hinge, contact law 7.906e+07 N/m^1.5, force drive>"
     )
     stream = model.stream()
     assert repr(stream).startswith("<Stream no tick yet: circle on plane")

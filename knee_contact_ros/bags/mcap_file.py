@@ -312,7 +312,7 @@ class McapFile(BagFile):
         if not self._has_end:
             self.faults.insert(0, "the end is missing: the recording was cut off")
         if not self._has_header:
-            self.faults.insert(0, "the beginning is damaged")
+            self.faults.insert(0, "the beginning is damaged, or this is no MCAP file")
             encodings = {channel.message_encoding for channel, _ in self.declared.values()}
             self.profile = "ros2" if encodings == {"cdr"} else ""
 

@@ -249,8 +249,10 @@ def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
     rows = {"dropped": str(len(listener.published) - ticks)}
     if listener.latencies:
         median, p99, most = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
-        name = "latency" if JOINT_REACTION_FORCE in listener.inputs else "sensors to contact"
-        rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {most:.2f} ms max"
+        name = "from force" if JOINT_REACTION_FORCE in listener.inputs else "from sensors"
+        rows[name] = (
+            f"to answer {median:.2f} ms (median), {p99:.2f} ms (p99), {most:.2f} ms (largest)"
+        )
     if len(torques := listener.torques) > 1:
         highest = max(torques)
         rows["assist torque"] = (

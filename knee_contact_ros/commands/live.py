@@ -23,6 +23,7 @@ from .options import (
     number_option,
     parameter_files_option,
     path_option,
+    verbose_option,
 )
 
 _ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
@@ -59,6 +60,7 @@ _NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
     is_flag=True,
     help="Also run the example of an assist controller, examples/assist_as_needed.py.",
 )
+@verbose_option
 @json_option
 def demo(
     bag: Path | None,

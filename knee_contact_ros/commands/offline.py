@@ -28,6 +28,7 @@ from .options import (
     overwrite_option,
     parameter_options,
     path_option,
+    verbose_option,
 )
 
 _MAX_NAME_LENGTH = 80
@@ -84,6 +85,7 @@ def merged_bags(bags: Sequence[Path]) -> Iterator[Path]:
     "OUT.mcap", "Recording to write.", ".mcap", replace="Replace OUT.mcap if it exists."
 )
 @names_in_bag_options()
+@verbose_option
 @json_option
 def solve(
     bags: tuple[Path, ...],

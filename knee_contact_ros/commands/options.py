@@ -14,7 +14,7 @@ import click
 from ..system import files
 from ..system.errors import UsageError
 from ..system.output_files import check_output
-from ..system.terminal import JSON
+from ..system.terminal import JSON, VERBOSE
 
 if TYPE_CHECKING:
     from ..bags.bag import Bag
@@ -259,18 +259,21 @@ def parameter_options(*texts: str) -> Callable[[Function], Function]:
     )
 
 
-def _keep_json(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    context.meta[JSON] = wanted
+def _kept_option(name: str, key: str, text: str) -> Callable[[Function], Function]:
+    """Make a flag that is kept in Click's context by its key; see `is_set`."""
+
+    def keep(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+        context.meta[key] = wanted
+
+    return click.option(name, is_flag=True, expose_value=False, callback=keep, help=text)
 
 
-json_option = click.option(
-    "--json",
-    is_flag=True,
-    expose_value=False,
-    callback=_keep_json,
-    help="Print the results as a JSON object, in SI units, instead of a table.",
+json_option = _kept_option(
+    "--json", JSON, "Print the results as a JSON object, in SI units, instead of a table."
 )
-"""Option `--json`; see `as_json`"""
+verbose_option = _kept_option(
+    "--verbose", VERBOSE, "Print also levels of fidelity and the cost of a tick."
+)
 
 
 def names_in_bag_options(

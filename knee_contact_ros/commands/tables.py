@@ -21,8 +21,10 @@ from ..results import begin_of, stamp_text
 from ..streams.topics import LATERAL, MEDIAL, NANOSECONDS
 from ..system.terminal import (
     UNBOUNDED,
+    VERBOSE,
     WIDTH,
     as_json,
+    is_set,
     print_json,
     safe_cell,
     say,
@@ -57,24 +59,26 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     begin = begin_of(summary.first_stamp)
     since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
     runs = f" in {summary.runs} runs" if summary.runs > 1 else ""
-    figures = [("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}{runs}")]
+    figures = [("answers", f"{summary.ticks} in {summary.duration:.2f} s{since}{runs}")]
     if len(summary.load_peaks) > _MAX_PEAKS:
         figures.append(("peaks", f"{len(summary.load_peaks)} of the load"))
     figures += [(name, safe_cell(value)) for name, value in live.items()]
     if summary.split:
         figures.append(("share of the load", summary.split.text))
-    figures.append(("samples refused", count_text(summary.refused)))
+    verbose = is_set(VERBOSE)
+    if summary.refused or verbose:
+        figures.append(("samples refused", count_text(summary.refused)))
     for name, each in _compartments(summary):
         prefix = f"{name}: " if name else ""
-        depth = _error_text(each.largest_error * _MICROMETRES, "um")
+        depth = _error_text(each.largest_error * _MICROMETRES, "µm")
         force = _error_text(each.largest_force_error, "N")
         cost = f"{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick"
         figures += [
-            ("ticks flagged", prefix + count_text(each.flagged, each.ticks_flagged)),
-            ("error estimate", f"{prefix}{depth} of depth at most, {force} of force"),
-            ("levels", prefix + _shares(each.levels)),
-            ("cost", prefix + cost),
+            ("answers flagged", prefix + count_text(each.flagged, each.ticks_flagged)),
+            ("numerical error", f"{prefix}at most {depth} of depth, {force} of force"),
         ]
+        if verbose:
+            figures += [("levels", prefix + _shares(each.levels)), ("cost", prefix + cost)]
     figures += [("warning", safe_cell(sentence)) for sentence in summary.sentences]
     show_pairs(figures)
     console.print()

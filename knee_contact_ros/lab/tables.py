@@ -91,7 +91,9 @@ class Table(NamedTuple):
         if not finite.all():
             row = int(np.argmin(finite))
             fault = f"{self.path}: column {name} is {values[row]} at {self.time(row)} s"
-            raise UsageError(f"{fault}; it must be a finite number")
+            raise UsageError(
+                f"{fault}; it must be a finite number: mend the row, or leave it out by --start and --end"
+            )
         return values
 
     def needed(self, names: Sequence[str], start: float | None, end: float | None) -> Table:

@@ -295,7 +295,8 @@ class InputCheck:
                 f"of {self.ticks} ticks), more than any knee bears: is it in N, does it have a spike, or is "
                 "body_weight wrong?"
             )
-        percent = f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
+        share = f", or load.share {self.share:g} too small" if (self.share or 1.0) < 0.3 else ""
+        percent = f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N{share}?"
         net_force = self.about_net_force if self._can_be_judged else ""
         return percent if self._is_percent else net_force
 

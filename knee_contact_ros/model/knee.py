@@ -112,7 +112,8 @@ class KneeModel:
     def description(self) -> str:
         """Surfaces, mechanism, law and drive of the model, in one line for a person."""
         drive = "displacement drive" if self.height_prescribed else "force drive"
-        return f"{self.pair}, contact law in {len(self.law.layers)} layer(s), {drive}"
+        layers = (f"{each.stiffness:.4g} N/m^{each.exponent:g}" for each in self.law.layers)
+        return f"{self.pair}, contact law {' + '.join(layers)}, {drive}"
 
     @property
     def femoral_radius(self) -> float:
@@ -167,7 +168,7 @@ class KneeModel:
         Example:
             >>> from knee_contact_ros import load_model
             >>> load_model().stream()
-            <Stream no tick yet: circle on plane, hinge, contact law in 1 layer(s), force drive>
+            <Stream no tick yet: circle on plane, hinge, contact law 7.906e+07 N/m^1.5, force drive>
         """
         return Stream(self)
 

@@ -60,6 +60,7 @@ class Ringing:
         """Largest ringing [N] of the contact force so far"""
         self._largest_force = 0.0
         self._stream: Stream | None = None
+        self._last = -1  # stamp of the last answer [ns]
 
     def add_answers(self, answers: Mapping[str, NDArray[Any]] | Rows) -> Floats:
         """Add answers, in their order in time; return the ringing of each, contact force minus damped one [N]."""
@@ -70,7 +71,8 @@ class Ringing:
         columns = [np.asarray(answers[name]) for name in ("stamp", "flexion_angle", "load")]
         status = np.asarray(answers["status"])
         begins = (status & Status.TIME_RESET) != 0
-        begins[1:] |= np.diff(columns[0]) <= 0
+        begins |= np.diff(columns[0], prepend=self._last) <= 0
+        self._last = columns[0][-1]
         resets = np.flatnonzero(begins).tolist()
         for begin, end in zip([0, *resets], [*resets, len(force)], strict=True):
             if begin in resets or self._stream is None:
@@ -96,9 +98,10 @@ class Ringing:
         return ringing_sentence(self.largest) if self.is_told else ""
 
 
-def ringing_sentence(largest: float) -> str:
-    """Sentence that answers ring by up to `largest` [N]."""
+def ringing_sentence(largest: float = 0.0) -> str:
+    """Sentence that answers ring, by up to `largest` [N] if that is known."""
+    by = f" by up to {largest:.3g} N" if largest else ""
     return (
-        f"the contact law hardly damps a layer, and the contact force rings by up to {largest:.3g} N: "
+        f"the contact law hardly damps a layer, and the contact force rings{by}: "
         "loading rate and largest force contain this ringing of the model (contact.damping, contact.damp_first_layer)"
     )

@@ -27,6 +27,7 @@ from visualization_msgs.msg import MarkerArray
 from ..bags.leg import DrawnLeg
 from ..bags.provenance import provenance_record
 from ..model.kernel import found_library
+from ..model.ringing import damped, ringing_sentence
 from ..model.types import FLAT, ROW, answer_struct
 from ..msg import KneeContact
 from ..parameters.curves import curve_texts
@@ -202,6 +203,8 @@ class ContactSession(Session):
         self.inputs = self._input_streams(qos_given, handed)
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
+        if damped(pipeline.compartments[0].model):
+            node.get_logger().info(ringing_sentence())
         topics = recorded_topics(has_two_compartments(parameters))
         self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
         contacts = [compartment.topic for compartment in pipeline.compartments]
@@ -222,7 +225,11 @@ class ContactSession(Session):
         knees = compartments_of(knee_name(self._names[KNEE_CONTACT]), models)
         markers = KneeMarkers(outlines_of_compartments(models, knees, parameters.body_weight))
         self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
-        self._strides = StrideTopic(self._publishers[KNEE_CONTACT_STRIDE], parameters.body_weight)
+        self._strides = StrideTopic(
+            self._publishers[KNEE_CONTACT_STRIDE],
+            parameters.body_weight,
+            lambda: pipeline.compartments[0].model,
+        )
         self._calls += [
             (MARKER_PERIOD, self._markers.publish_markers),
             (STRIDE_PERIOD, self._strides.publish_strides),

@@ -268,7 +268,7 @@ class Health:
             values["force ahead of angle [s]"] = f"{lead:.3f}"
         if paired.leads:
             usual = float(np.median(paired.leads)) / NANOSECONDS
-            name = "force ahead of angle, median [s] (pairing.angle_delay, if it is the sensor's)"
+            name = "force ahead of angle, median [s]"
             values[name] = f"{usual:.4f}"
             paired.leads = []
         problems = []

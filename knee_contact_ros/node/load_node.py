@@ -99,7 +99,7 @@ class LoadSession(Session):
         self._takers = takers or HandedInputs(HandOver(), HandOver())
         self._takers.angles.source = parameters.inputs()[0]
         self._open_outputs()
-        trust = "not calibrated: do not gate anything by it"
+        trust = "not calibrated: nothing may be limited or triggered by it"
         if parameters.calibrated:
             trust = "calibrated"
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")

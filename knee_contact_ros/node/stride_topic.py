@@ -1,10 +1,12 @@
 """The topic `knee_contact/stride`: numbers of each stride, as a sensor_msgs/JointState."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from ..model.knee import KneeModel
 from ..model.types import NANOSECOND, ROW
 from ..streams.contact_pipeline import ContactAnswer
 from ..streams.messages import JointState, encode_joint_state
@@ -22,6 +24,7 @@ STRIDE_NUMBERS = (
     "stride_time",
     "phase",
     "usable",
+    "ringing",
 )
 """Names of the numbers of a stride's message"""
 
@@ -29,10 +32,15 @@ STRIDE_NUMBERS = (
 class StrideTopic:
     """Publishes the strides between ticks, while somebody listens; without a listener a tick costs nothing more."""
 
-    def __init__(self, publisher: Any, body_weight: float) -> None:
-        """Publish with the publisher of a JointState the strides of a person with this body weight [N]."""
+    def __init__(self, publisher: Any, body_weight: float, model: Callable[[], KneeModel]) -> None:
+        """Publish with the publisher of a JointState the strides of a person with this body weight [N].
+
+        `model` returns the model that computes the answers, with which their ringing is found.
+        """
         self._publisher = publisher
         self._body_weight = body_weight
+        self._model = model
+        self._of: KneeModel | None = None
         self._rows: list[bytes] | None = None  # since the last search; None while nobody listens
         self._frame_id = ""
 
@@ -46,9 +54,9 @@ class StrideTopic:
         """Publish the strides that have become certain."""
         if not self._publisher.get_subscription_count():
             self._rows = None
-        elif self._rows is None:
-            self._rows = []
-            self._strides = Strides(self._body_weight)
+        elif self._rows is None or self._of is not self._model():
+            self._rows, self._of = [], self._model()
+            self._strides = Strides(self._body_weight, self._of)
         elif self._rows:
             rows = np.frombuffer(b"".join(self._rows), ROW)
             self._rows = []
@@ -75,5 +83,6 @@ def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:
         span.duration,
         since / (span.end - span.start),
         float(stride.usable),
+        stride.ringing,
     )
     return encode_joint_state(JointState(span.end, frame_id, STRIDE_NUMBERS, numbers, (), ()))

@@ -88,7 +88,7 @@ def load_model(
     Example:
         >>> from knee_contact_ros import load_model
         >>> load_model(["osteoarthritis", {"femur.mass": 8.0}])
-        <KneeModel: circle on plane, hinge, contact law in 2 layer(s), force drive>
+        <KneeModel: circle on plane, hinge, contact law 7.906e+07 N/m^1.5 + 3.112e+09 N/m^1.5, force drive>
     """
     parameters = load_parameters(source)
     plain = build_model(parameters, curves=curve_texts(parameters, curves))

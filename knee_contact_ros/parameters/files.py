@@ -363,7 +363,8 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
         if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
             continue
         if name not in known:
-            hint = suggest(shortened(name), known, cutoff=0.5)
+            two = "ros__parameters has two underscores" if "ros_parameters" in name else ""
+            hint = two or suggest(shortened(name), known, cutoff=0.5)
             raise UsageError(f"{where}unknown parameter {shortened(name)}; {hint}")
         *sections, inner = name.split(".")
         value = number_in(value, known[name].default)  # noqa: PLW2901

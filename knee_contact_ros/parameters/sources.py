@@ -37,7 +37,7 @@ ON_ARRIVAL = "on arrival"
 """Words after a source whose messages have no stamp, or a wrong one; they get the time of their arrival"""
 SOURCE_FORM = (
     "TOPIC, or TOPIC TYPE FIELD [UNIT], such as /encoder exo_msgs/Joint knee.angle deg; "
-    f"then perhaps {ON_ARRIVAL}"
+    f"optionally followed by: {ON_ARRIVAL}"
 )
 """Form of the text of a source"""
 _SOURCE = re.compile(

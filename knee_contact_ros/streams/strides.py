@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..model.knee import KneeModel
+from ..model.ringing import Ringing
 from ..model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
 from .gait_events import (
     HEEL_STRIKE,
@@ -170,15 +172,17 @@ class Strides:
     (`GaitEvents`), about 0.4 s after it.
     """
 
-    def __init__(self, body_weight: float) -> None:
-        """Begin a stream of a person with this body weight [N]."""
+    def __init__(self, body_weight: float, model: KneeModel | None = None) -> None:
+        """Begin a stream of a person with this body weight [N]; with the model of the answers ringing is known."""
         self._finder = GaitEvents(body_weight)
+        self._model = Ringing(model) if model else None
         self.events: list[GaitEvent] = []
         """Events that have become certain since the last `add` began"""
         self._begin()
 
     def _begin(self) -> None:
         self._rows: Rows = np.empty(0, ROW)
+        self._ringing: Floats = np.empty(0)
         self._strikes, self._toe_offs = list[int](), list[int]()
         self._last = (0, 0)  # heel strikes of the stride that was told last
 
@@ -194,12 +198,13 @@ class Strides:
                 strides += self.finish_strides()
             new = rows[part]
             self._rows = np.concatenate((self._rows, new))
+            ringing = self._model.add_answers(new) if self._model else np.full(len(new), np.nan)
+            self._ringing = np.concatenate((self._ringing, ringing))
             strides += self._certain_strides(
                 self._finder.add_samples(new["stamp"], new["flexion_angle"], new["load"])
             )
-            self._rows = self._rows[
-                np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - _KEPT) :
-            ]
+            kept = np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - _KEPT)
+            self._rows, self._ringing = self._rows[kept:], self._ringing[kept:]
         return strides
 
     def finish_strides(self) -> list[Stride]:
@@ -219,12 +224,17 @@ class Strides:
             for span in spans(self._strikes[-2:], self._toe_offs):
                 if (span.start, span.end) != self._last:
                     self._last = span.start, span.end
-                    strides.append(stride_of(span, self._rows))
+                    strides.append(stride_of(span, self._rows, self._ringing if self._model else None))
         return strides
 
 
-def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
-    """The contact in a stride, from answers around it: rows, or arrays by field, with increasing stamps."""
+def stride_of(
+    span: Span, rows: Rows | Mapping[str, NDArray[Any]], ringing: Floats | None = None
+) -> Stride:
+    """The contact in a stride, from answers around it: rows, or arrays by field, with increasing stamps.
+
+    `ringing` [N] of the answers has the same shape (n,); None: it is not known.
+    """
     stamps, names = (
         rows["stamp"],
         ("contact_force", "penetration_depth", "sliding_velocity", "contact_state"),
@@ -235,7 +245,7 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
     )
     first = int(np.searchsorted(stamps, span.start, "right")) - 1  # its ends lie between answers
     used = slice(max(first, 0), int(np.searchsorted(stamps, span.end)) + 1)
-    rings = isinstance(rows, Mapping) and "ringing" in rows
+    within = slice(*np.searchsorted(stamps, (span.start, span.end)))
     return Stride(
         span,
         float(whole[:, 0].max()),
@@ -245,14 +255,8 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
         loading_rate(stance_time, stance[:, 0]),
         not (rows["status"][used].astype(int) & UNUSABLE).any(),
         sliding_distance(time, *whole.T[2:]),
-        largest_within(span, stamps, rows["ringing"]) if rings else math.nan,
+        math.nan if ringing is None else float(np.abs(ringing[within]).max()),
     )
-
-
-def largest_within(span: Span, stamps: Stamps, values: NDArray[Any]) -> float:
-    """Largest magnitude of values at stamps [ns], both of shape (n,), in a stride."""
-    within = slice(*np.searchsorted(stamps, (span.start, span.end)))
-    return float(np.abs(values[within]).max())
 
 
 def strides_of(series: Rows, body_weight: float) -> list[Stride]:
@@ -272,10 +276,5 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
         >>> print(f"{stride.span.duration:.2f} s, {stride.peak_force:.0f} N")
         1.23 s, 1557 N
     """
-    strides = Strides(body_weight)
-    found = strides.add_answers(np.asarray(series)) + strides.finish_strides()
-    model = getattr(series, "model", None)
-    if model is None:
-        return found
-    stamps, ringing = np.asarray(series["stamp"]), model.ringing(series)
-    return [each._replace(ringing=largest_within(each.span, stamps, ringing)) for each in found]
+    strides = Strides(body_weight, getattr(series, "model", None))
+    return strides.add_answers(np.asarray(series)) + strides.finish_strides()

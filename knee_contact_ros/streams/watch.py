@@ -433,7 +433,7 @@ def held_sentence(pipeline: Pipeline[Any], held: int) -> str:
 def unanswered_sentence(pipeline: Pipeline[Any], forces: int) -> str:
     """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
     missing = forces - pipeline.ticks
-    if missing <= MAX_UNANSWERED * forces:
+    if missing <= max(MAX_UNANSWERED * forces, min(pipeline.ticks, 1)):
         return ""
     refused = pipeline.synchroniser.refused
     reasons = [f"{count} x {reason}" for reason, count in refused.most_common()]
@@ -442,4 +442,6 @@ def unanswered_sentence(pipeline: Pipeline[Any], forces: int) -> str:
         (ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE),
         "look at the stamps",
     )
+    if pipeline.synchroniser.angle_time.last is None:
+        why, advice = "", f"is {next(iter(pipeline.sources.values()))} the topic of the angles?"
     return f"{missing} of {forces} forces have no answer ({why or 'no angle came'}): {advice}"

@@ -28,12 +28,19 @@ UNBOUNDED = 10_000
 
 JSON = "knee_contact_ros.json"
 """Key of Click's context: whether the results are printed as JSON"""
+VERBOSE = "knee_contact_ros.verbose"
+"""Key of Click's context: whether the results are printed with what developers need"""
+
+
+def is_set(key: str) -> bool:
+    """Return whether an option of the running command is set, by its key."""
+    context = click.get_current_context(silent=True)
+    return bool(context and context.meta.get(key))
 
 
 def as_json() -> bool:
     """Return whether the running command prints its results as JSON, and no tables or lines."""
-    context = click.get_current_context(silent=True)
-    return bool(context and context.meta.get(JSON))
+    return is_set(JSON)
 
 
 def print_json(**values: Any) -> None:

@@ -251,7 +251,11 @@ def _events(knee: str) -> rrb.TextLogView:
 
 def about(drawing: KneeOutlines) -> str:
     """Return what the colours and scales in a knee's plane mean, as Markdown."""
-    drawn = " (an illustration: the law has none)" if drawing.anatomy.thickness_is_drawn else ""
+    drawn = (
+        " (drawn for orientation; the law knows no thickness)"
+        if drawing.anatomy.thickness_is_drawn
+        else ""
+    )
     reaches_bone = ", **pink** where it reaches the bone" if drawing.has_bone else ""
     lines = [
         "The knee from the side, its front to the right, at the time of the cursor.",

@@ -35,7 +35,7 @@ from studies.validation.total import (
     same_signs,
 )
 
-TITLE = "Validation"
+TITLE = "Validation of the estimated load"
 COMMAND = "python -m studies.validation --data FOLDER"
 WORDS = words(Path(__file__).with_name("words.txt"))
 PERCENT = 100.0

@@ -291,7 +291,7 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "place of the summary": (put(-28, b"\xff" * 8), True, SUMMARY),
     "magic at the end": (put(-8, U * 8), True, "the end is missing"),
     "magic at the beginning": (put(0, U * 8), True, "the data do not fit their checksum"),
-    "header": (put(8, U * 9), True, "the beginning is damaged"),
+    "header": (put(8, U * 9), True, "the beginning is damaged, or this is no MCAP file"),
     "cut in a chunk": (deleted(3, 300, 10**6), False, "is cut off; "),
     "cut in the summary": (
         lambda content, _, summary: content.__delitem__(slice(summary + 30, None)),

@@ -111,10 +111,10 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path, right_bag, config):
     )  # once a stance, and once more after a busy machine's pause amid it
 
     words = " ".join(said["refused"].split())
-    assert "ticks 38 over 0.20 s dropped 2" in words
+    assert "answers 38 in 0.20 s dropped 2" in words
     assert "samples refused 2 (2 x not_finite)" in words
     # Two ticks, or one, if both refusals come before the next answer: nothing orders the samples of two topics.
-    assert re.search(r"ticks flagged ([12]) \(\1 x INPUT_REJECTED\)", words)
+    assert re.search(r"answers flagged ([12]) \(\1 x INPUT_REJECTED\)", words)
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def test_from_sensors_the_companions_torque_assists_the_knee_that_it_listens_to(
     done = run("demo", "--from-sensors", "--companion", "--output", tmp_path)
     assert done.returncode == 0, done.stderr
     words = " ".join(done.stdout.split())
-    assert "ticks 387 over 1.93 s dropped 0 sensors to contact" in words
+    assert "answers 387 in 1.93 s dropped 0 from sensors to answer" in words
     assert (
         "load's level ground_force calibrated no: for looking, nothing may be limited or triggered by it"
         in words

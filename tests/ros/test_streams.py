@@ -265,6 +265,7 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(peer, start_node, t
         assert [numbers[name] for name in names] == [
             float(getattr(stride, name)) for name in names
         ]
+        assert numbers["ringing"] == 0.0  # the law of healthy.yaml is damped
         assert numbers["stride_time"] == stride.span.duration
         assert numbers["stance_time"] == pytest.approx(
             0.01 * stride.span.stance * stride.span.duration, rel=1e-12

@@ -124,21 +124,22 @@ def test_a_run_that_ends_at_a_heel_strike_has_usable_strides():
 @pytest.mark.parametrize("size", [1, 37, 10_000])
 def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size):
     stamps, angle, load = walking(200.0, 8.0)
-    series = model(law("kelvin_voigt"), level="quasi_static").run(
-        (stamps - stamps[0]) / SECOND, angle, load
-    )
+    knee = model(law("hertz"))
+    series = knee.run((stamps - stamps[0]) / SECOND, angle, load)
     twice = np.concatenate([series, series])  # time goes back: a run of its own
-    stream, found, late = Strides(BODY_WEIGHT), list[Stride](), list[float]()
+    stream, found, late = Strides(BODY_WEIGHT, knee), list[Stride](), list[float]()
     for begin in range(0, len(twice), size):
         batch = twice[begin : begin + size]
         new = stream.add_answers(batch)
         found += new
         late += [(batch["stamp"][-1] - each.span.end) / SECOND for each in new if size == 1]
     found += stream.finish_strides()
-    assert found == 2 * strides_of(series, BODY_WEIGHT)
+    whole = Strides(BODY_WEIGHT, knee)
+    assert found == 2 * (whole.add_answers(series) + whole.finish_strides())
+    assert all(each.ringing > 1.0 for each in found)  # hertz has no dashpot
     assert all(each.peak_depth > 0.0 for each in found)
     assert [each.peak_force for each in found[:6]] == pytest.approx(
-        6 * [max(series.contact_force)], rel=0.01
+        6 * [max(series.contact_force)], rel=0.1
     )
     if (
         size == 1

@@ -167,6 +167,10 @@ def angle_column(table: Table, side: str, coordinate: str | None) -> str:
         fitting = [name for name in names if _is_knee_angle(coordinate_of(name) or "", side)]
     if len(fitting) != 1:
         found = ", ".join(fitting) or f"no angle of the {side} knee, but {list_names(names)}"
+        if any(name.endswith("_fy") for name in names) and not fitting:
+            raise UsageError(
+                f"{table.path} has forces and no angle of the {side} knee: are --kinematics and --reactions exchanged?"
+            )
         raise UsageError(f"{table.path} has {found}; choose one with --coordinate NAME")
     return fitting[0]
 

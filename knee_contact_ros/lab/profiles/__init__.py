@@ -236,8 +236,8 @@ def _tolerance(found: ProfileFit) -> str:
     allowed = MM * math.hypot(rough, found.tolerance)
     where = f"slab of ±{MM * found.slab:g} mm" if found.slab else "slice"
     return (
-        f"{MM * found.tolerance:.3g} mm RMS beyond the roughness of {MM * rough:.3f} mm: at most "
-        f"{allowed:.3f} mm; {MM * found.smoothed.deviation:.3f} mm in the {where}"
+        f"smoothing moved the {where} by {MM * found.smoothed.deviation:.3f} mm (RMS); {allowed:.3f} are allowed: "
+        f"the mesh's roughness of {MM * rough:.3f} mm, and --tolerance"
     )
 
 

@@ -262,7 +262,7 @@ def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, A
     first, last = np.searchsorted(columns["stamp"], (span.start, span.end))
     near = {name: column[max(first - 1, 0) : last + 1] for name, column in columns.items()}
     stamps = near["stamp"]
-    stride = stride_of(span, near)
+    stride = stride_of(span, near, near.get("ringing"))
     unknown = np.full(len(stamps), np.nan)
     curves = [near.get(name, unknown) for name in _CURVE_FIELDS]
     values = np.column_stack([*curves, near["contact_state"]])

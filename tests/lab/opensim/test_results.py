@@ -363,7 +363,7 @@ def test_a_model_gives_sign_and_weight(tmp_path):
     assert flexion_of(gait).min() > 0.0
     assert gait.weight == pytest.approx(72.6 * 9.80665)
     assert knee(given._replace(model=model), body_weight=700.0).weight == 700.0
-    with pytest.raises(UsageError, match="is it kg. 72.6 kg weigh 712.0 N"):
+    with pytest.raises(UsageError, match="is it kg"):
         knee(given._replace(model=model), body_weight=72.6)
     good = model.read_text()
     for old, new, says in MODELS:
