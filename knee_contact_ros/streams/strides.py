@@ -224,7 +224,9 @@ class Strides:
             for span in spans(self._strikes[-2:], self._toe_offs):
                 if (span.start, span.end) != self._last:
                     self._last = span.start, span.end
-                    strides.append(stride_of(span, self._rows, self._ringing if self._model else None))
+                    strides.append(
+                        stride_of(span, self._rows, self._ringing if self._model else None)
+                    )
         return strides
 
 
