@@ -43,7 +43,7 @@ fi
 
 "$here/.venv/bin/uv" pip install --quiet --target "$work/site" --python-version 3.11 \
     --python-platform aarch64-manylinux_2_28 --only-binary :all: --requirements "$here/pyproject.toml" \
-    "pytest>=8,<9.2" hypothesis pandas psutil
+    "pytest>=8,<9.2" hypothesis pandas psutil tabulate
 "$here/.venv/bin/uv" pip install --quiet --target "$work/tools" "ziglang>=0.13"
 
 rm -rf "$checkout"
@@ -72,7 +72,7 @@ echo "== Tests on $("$checkout/.venv/bin/python" -c 'import platform; print(plat
 cd "$checkout"
 # shellcheck disable=SC2086
 status=0
-.venv/bin/python -m pytest -q -p no:cacheprovider $TESTS "$@" || status=$?
+.venv/bin/python -m pytest -q -p no:cacheprovider --continue-on-collection-errors $TESTS "$@" || status=$?
 echo "== Answers of aarch64 and of this machine"
 cd "$here"
 "$python" -m scripts.same_messages "$checkout" --scenes "${SCENES:-200}" --depth 1e-12 --force 1e-6

@@ -59,24 +59,23 @@ def without(wanted: dict[str, list[str]], platform: str, python: str) -> list[st
 
 
 def table() -> str:
-    """Return the table: what is missing for each platform and Python."""
+    """Return the table: what is missing for each platform and Python; those with the same share a column."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = requirements(project)
-    lines = [
-        f"| | {' | '.join(f'Python {python}' for python in PYTHONS)} |",
-        f"|---{'|---' * len(PYTHONS)}|",
-    ]
-    for platform, name in PLATFORMS.items():
-        cells = []
-        for python in PYTHONS:
-            missing_extras = without(wanted, name, python)
-            if "" in missing_extras:
-                cells.append("no")
-            else:
-                missing = ", ".join(f"`{one}`" for one in missing_extras)
-                cells.append(f"all but {missing}" if missing else "all")
-        lines.append(f"| {platform} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    columns: dict[tuple[str, ...], list[str]] = {}
+    for python in PYTHONS:
+        cells = tuple(cell(without(wanted, name, python)) for name in PLATFORMS.values())
+        columns.setdefault(cells, []).append(python)
+    head = [f"Python {', '.join(pythons)}" for pythons in columns.values()]
+    rows = [f"| {' | '.join(row)} |" for row in zip(PLATFORMS, *columns, strict=True)]
+    return "\n".join([f"| | {' | '.join(head)} |", f"|---{'|---' * len(head)}|", *rows])
+
+
+def cell(missing: list[str]) -> str:
+    """Return what a cell says of the extras that are missing."""
+    if "" in missing:
+        return "nothing"
+    return f"all but {', '.join(f'`{one}`' for one in missing)}" if missing else "all"
 
 
 if __name__ == "__main__":

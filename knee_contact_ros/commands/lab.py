@@ -178,6 +178,7 @@ def import_csv(**options: Any) -> None:
     "Longest lag that is tried in both directions [s]. Use less than half a stride.",
     "S",
 )
+@json_option
 def align(**options: Any) -> None:
     """Find the offset and the lag of an angle sensor.
 
@@ -310,6 +311,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, leg: str, **others: Any
     "OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists."
 )
 @names_in_bag_options()
+@json_option
 def calibrate(
     data: tuple[Path, ...], given: ParameterOptions, without: bool, in_bag: BagNames, **rest: Any
 ) -> None:

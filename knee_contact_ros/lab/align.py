@@ -23,7 +23,7 @@ from ..parameters.schema import Parameters
 from ..streams.topics import NANOSECONDS
 from ..system.errors import UsageError
 from ..system.output_files import check_name_free, check_not_input, write_complete
-from ..system.terminal import safe_cell, say, show_table, warn
+from ..system.terminal import as_json, print_json, safe_cell, say, show_table, warn
 from . import checks
 from .sensors import AngleChannel, read_channels, read_map
 from .tables import TimeSeries
@@ -266,6 +266,9 @@ def _for_node(angle: AngleChannel, offset: float) -> list[str]:
 
 def show_alignment(alignment: Alignment, output: Path) -> None:
     """Print the estimates with their intervals, and the correlation and difference before and after."""
+    if as_json():
+        print_json(**alignment._asdict(), files={"Parameters": output})
+        return
     rows = []
     for name, estimate, factor, digits, parameter in (
         ("offset [deg]", alignment.offset, math.degrees(1.0), 2, "knee.flexion_offset [rad]"),

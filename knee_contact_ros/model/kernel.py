@@ -12,6 +12,7 @@ import os
 import struct
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
@@ -242,9 +243,13 @@ def _file_name() -> str:
 
 
 def found_library() -> Path | None:
-    """Return the file of the library for this machine; None if there is none, or the machine is not known."""
+    """Return the file of the library for this machine; None if there is none, or the machine is not known.
+
+    Python in a folder of sources takes those: then it may be the library of the installed package.
+    """
+    installed = sysconfig.get_path("platlib"), "knee_contact_ros", "model"
     try:
-        return next(filter(Path.is_file, _files()), None)
+        return next(filter(Path.is_file, [*_files(), Path(*installed, _file_name())]), None)
     except BuildError:
         return None
 

@@ -14,6 +14,8 @@ from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.commands.live import demo
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.terminal import print_json
+from tests import ROOT
+from tests.system.test_other_systems import MAP, TRIAL
 
 
 def printed(capsys, *words):
@@ -54,6 +56,18 @@ def test_other_results_are_json_too(right_bag, sensors_bag, tmp_path, capsys):
     recovered = printed(capsys, "recover", file, tmp_path / "whole.mcap")
     assert recovered["unread_bytes"] == 0
     assert recovered["faults"] == []
+    files = [ROOT / "examples" / "laboratory" / f"{name}.csv" for name in ("cells", "motion")]
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    words = "--map", tmp_path / "map.yaml", "--output", tmp_path / "align.yaml"
+    aligned = printed(capsys, "align", *files, *words)
+    assert aligned["rows"] > 100
+    assert aligned["gain"]["half"] < 0.1
+    trial = tmp_path / "trial.csv"
+    trial.write_text(TRIAL, encoding="utf-8")
+    words = "--free", "contact.stiffness", "--no-intervals", "--output", tmp_path / "fit.yaml"
+    fitted = printed(capsys, "calibrate", trial, *words)
+    assert fitted["values"]["contact.stiffness"] > 0.0
+    assert fitted["files"] == {"Parameters": str(tmp_path / "fit.yaml")}
     pytest.importorskip("matplotlib", reason="needs the extra trade")
     traded = printed(capsys, "trade", right_bag, "--picture", tmp_path / "out.png")
     assert {each["level"] for each in traded["settings"]} == {"quasi_static", "dynamic"}

@@ -19,6 +19,7 @@ import pytest
 
 from knee_contact_ros import __version__
 from tests import ROOT
+from tests.packaging.test_printed_commands import NEED, SAVED, blocks_of
 
 PACKAGE = "knee_contact_ros"
 UV = Path(sys.prefix) / "bin" / "uv"
@@ -191,6 +192,36 @@ def test_the_wheel_without_messages_runs_without_ros(plain, tmp_path):
     )
     assert done.returncode == 2
     assert done.stderr.startswith("knee-contact: this command needs ROS 2: ")
+
+
+@pytest.mark.parametrize(
+    ("page", "extras"), [("your-subject", "mesh,report"), ("notebook", "notebook")]
+)
+def test_a_tutorial_that_needs_no_ros_runs_beside_the_wheel(page, extras, distributions, tmp_path):
+    """To the letter, in the folder of the sources, by the library that was installed."""
+    programs = environment_with(f"{distributions.wheel}[{extras}]", tmp_path)
+    sources = tmp_path / "sources"
+    shutil.copytree(distributions.source.parent / "tree", sources)
+    shell, python, shown = f"exec 2>&1; export MPLBACKEND=Agg PATH={programs}:$PATH\n", "", ""
+    for before, kind, text in blocks_of(f"docs/tutorials/{page}.md"):
+        if "This step needs" in before:  # ROS
+            break
+        if saved := SAVED.search(before):
+            (sources / saved[1]).write_text(text, encoding="utf-8")
+        elif kind == "sh" and not NEED.search(before):
+            shell += text
+        elif kind == "python":
+            python += text
+        elif kind == "text":
+            shown += text
+    (sources / "page.py").write_text(python, encoding="utf-8")
+    printed = run("bash", "-ec", f"{shell}python page.py", folder=sources)
+    assert "no compiled model" not in printed
+    lines = [line.rstrip() for line in printed.splitlines()]
+    for line in shown.splitlines():
+        assert any(each.startswith(line.rstrip()) for each in lines), (
+            f"{line!r} is not in\n{printed}"
+        )
 
 
 def test_package_indexes_take_all(distributions):

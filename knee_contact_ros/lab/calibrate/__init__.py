@@ -32,7 +32,7 @@ from ...system.output_files import (
     write_complete,
 )
 from ...system.progress import progress
-from ...system.terminal import safe_cell, say, show_table, warn
+from ...system.terminal import as_json, print_json, safe_cell, say, show_table, warn
 from . import contact_problem, load_problem
 from .fit import LINEAR, LOSSES, Data, Fit, FitProblem, find_fit
 from .intervals import Interval, doubts, find_intervals
@@ -344,9 +344,7 @@ def run_calibrate(
         **options,
     )
     write_complete({output: fitted_parameter_file(calibration, data, params, values).encode()})
-    _show(calibration)
-    say("")
-    say(f"Parameters: {output}")
+    _show(calibration, output)
     warn(calibration.warnings)
 
 
@@ -384,8 +382,13 @@ def fitted_parameter_file(
     return parameter_text(LoadParameters if bags_in(list(data)) else Parameters, comments, lines)
 
 
-def _show(found: Calibration) -> None:
-    """Print the fitted values with their intervals, the residual of each column, and remarks."""
+def _show(found: Calibration, output: Path) -> None:
+    """Print the fitted values with their intervals, the residual of each column, remarks, and the output file."""
+    if as_json():
+        kept = "values", "also", "intervals", "level", "noise", "rms", "remarks", "warnings"
+        about = {name: getattr(found, name) for name in kept}
+        print_json(**about, files={"Parameters": output})
+        return
     rows = []
     for name, start, _, _, unit, _ in found.unknowns:
         interval = str(found.intervals.get(name, "-"))
@@ -397,5 +400,5 @@ def _show(found: Calibration) -> None:
         unit = MEASURED_UNITS[name]
         known = "given" if name in found.given else "estimated"
         say(f"{name}: RMS {misfit:.4g} {unit}; noise {known}: {found.noise[name]:.4g} {unit}")
-    for remark in found.remarks:
-        say(remark)
+    for line in (*found.remarks, "", f"Parameters: {output}"):
+        say(line)
