@@ -4,6 +4,7 @@ import math
 import os
 import time
 from collections import Counter
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -169,6 +170,20 @@ class Health:
         for name, sink in outputs.sinks.items():
             values, text, lost = sink.report_state()
             entries.append((name, values, (ERROR, text) if lost else warning_of(text)))
+        return self._report(entries)
+
+    def standstill_report(self, age: float) -> DiagnosticArray:
+        """Report that the node has not worked for a time [s], and how old its newest answer is."""
+        answered = time.monotonic() - self.counts.answered
+        text = f"the node stands still: it has not worked for {age:.1f} s"
+        values = {
+            "usable": "false",
+            "because": text,
+            "age of the last tick [s]": f"{answered:.1f}",
+        }
+        return self._report([("answers", values, (ERROR, text))])
+
+    def _report(self, entries: Sequence[Entry]) -> DiagnosticArray:
         owner = f"{self._node.get_fully_qualified_name()}, process {os.getpid()}"
         status = [
             DiagnosticStatus(

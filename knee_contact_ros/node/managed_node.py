@@ -38,6 +38,7 @@ from ..system.ros_files import (
 from .parameters import QOS_PREFIX, NodeKind, NodeParameters, given_by_user
 from .problems import at_most_every
 from .session import Session
+from .watchdog import Watchdog
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
@@ -197,6 +198,12 @@ class ManagedNode(LifecycleNode):
         self.finish_session()
         return super().on_error(state)
 
+    def report_standstill(self, age: float) -> None:
+        """Publish, from another thread, that the node has not worked for a time [s]."""
+        session = self.session
+        if session:
+            session.report_standstill(age)
+
     def finish_session(self) -> None:
         """End the session, if there is one: answer waiting samples, complete the files."""
         session, self.session = self.session, None
@@ -276,8 +283,11 @@ def _run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
         start_nodes([node for node in nodes if node.node_parameters.read_parameters().autostart])
         executor = make_executor(*nodes)
+        watchdog = Watchdog([node.report_standstill for node in nodes])
         while not stop.requested:
             spin(executor, nodes[0])
+            watchdog.note_life()
+        watchdog.end()
     finally:
         finish_nodes(nodes)  # recordings are completed, whatever has happened
         rclpy.shutdown()

@@ -407,3 +407,8 @@ class Session(ABC):
     def _publish_diagnostics(self) -> None:
         report = self.health.report_diagnostics(self.inputs, self.outputs)
         self._publishers[DIAGNOSTICS].publish(report)
+
+    def report_standstill(self, age: float) -> None:
+        """Publish, from another thread, that the node has not worked for a time [s]."""
+        if self._timer:
+            self._publishers[DIAGNOSTICS].publish(self.health.standstill_report(age))
