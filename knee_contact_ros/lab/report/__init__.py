@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -90,6 +91,10 @@ _CYCLE_ROWS = (
     ("largest sliding velocity [mm/s]", "largest_sliding_velocity_mm_per_s", ".0f"),
 )
 """Rows of the table of cycles: name, number of a cycle (divided by the body weight if the unit has BW), and digits"""
+_OF_DEPTH = [key for _, key, _ in _CYCLE_ROWS if re.search("depth|patch|pressure|strain", key)]
+"""Numbers of a cycle that are not comparable under different laws"""
+_LEAST_GROUP = 3
+"""Number of recordings from which their mean and deviation are shown"""
 
 
 class PageTable(NamedTuple):
@@ -171,6 +176,7 @@ def _contents(found: Sequence[ReportRun], kind: str) -> dict[str, str | bytes]:
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([_cycle_summary(run) for run in cyclic], cyclic),
         paired=_paired_differences(found),
+        group=_all_recordings(found),
         still=bool(cyclic) and not figures.moves(cyclic),
         uncertain=[
             (run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)
@@ -210,8 +216,13 @@ def _what_differs(found: Sequence[ReportRun]) -> list[str]:
         lines = list(next(iter(changes.values())))
     else:
         lines = [f"{name}: {line}" for name, several in changes.items() for line in several]
-    known = [run.parameters for run in found if run.beside is None and run.known]
-    return lines + differences(known)
+    bases = [run for run in found if run.beside is None]
+    if len({run.gait or run.source for run in bases}) > 1:
+        gaits = (f"{run.label} {run.gait or run.source.name}" for run in bases)
+        lines.append(f"gait: {', '.join(gaits)}")
+    known = [run for run in bases if run.known]
+    labels = [run.label for run in known]
+    return lines + differences([run.parameters for run in known], ", ", labels)
 
 
 def _peak_table(found: Sequence[ReportRun]) -> PageTable:
@@ -222,6 +233,8 @@ def _peak_table(found: Sequence[ReportRun]) -> PageTable:
         if any((run.gathered.peaks["peak"] == which).any() for run in found)
     ]
     notes = ["Largest: anywhere in the recording."]
+    if figures.has_several_laws(found):
+        notes.append(figures.NOT_COMPARABLE)
     if kinds:
         notes.append(
             "First and second peak: of the stances in whole gait cycles, mean ± standard deviation."
@@ -274,7 +287,10 @@ def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:
         values = strides[key] / (run.weight if "[BW" in name else 1.0)
         if name.startswith("bone") and not run.has_bone:
             values = values[:0]
-        rows.append((name, _spread(values, digits) + _rings(run, name)))
+        text = _spread(values, digits) + _rings(run, name)
+        if "strain" in name and text != NO_VALUE and run.model and run.model.patch:
+            text += f" of {MM * run.model.patch.thickness:g} mm"
+        rows.append((name, text))
     return rows
 
 
@@ -292,16 +308,64 @@ def _paired_differences(found: Sequence[ReportRun]) -> PageTable:
             known = np.isfinite(one["difference"]) and (
                 run.has_bone or not name.startswith("bone")
             )
-            text = f"{one['difference']:+{digits}} ({one['low']:+{digits}} to {one['high']:+{digits}})"
-            cells.append(
-                (name, text + (_rings(run, name) or _rings(base, name)) if known else NO_VALUE)
-            )
+            known &= key not in _OF_DEPTH or not figures.has_several_laws([base, run])
+            text = _difference(one, digits) + (_rings(run, name) or _rings(base, name))
+            cells.append((name, text if known else NO_VALUE))
         columns.append((run, cells))
     note = (
         "Comparison minus recording, mean of the strides with its 95 % interval (Student's). An interval that "
         "contains 0 shows no difference."
     )
+    if any(figures.has_several_laws(pair) for pair in compared):
+        note += " Left out: depth, patch, pressure and strain under different laws, as they are not comparable."
     return _side_by_side([cells for _, cells in columns], [run for run, _ in columns], note)
+
+
+def _difference(one: Any, digits: str) -> str:
+    """Return a row of `paired` as text: the difference and its interval."""
+    return f"{one['difference']:+{digits}} ({one['low']:+{digits}} to {one['high']:+{digits}})"
+
+
+def _all_recordings(found: Sequence[ReportRun]) -> PageTable:
+    """Compare the means of all recordings: their mean and deviation, and the paired differences of a comparison."""
+    bases = [run for run in found if len(run.gathered.strides) and not is_lateral(run.topic)]
+    bases, compared = (
+        [run for run in bases if (run.beside is None) is own] for own in (True, False)
+    )
+    if len(bases) < _LEAST_GROUP:
+        return PageTable((), [])
+    first, second = (
+        pd.DataFrame(
+            [
+                {
+                    name: run.gathered.strides[key].mean() / (run.weight if "[BW" in name else 1.0)
+                    for name, key, _ in _CYCLE_ROWS
+                }
+                for run in runs
+            ]
+        )
+        for runs in (bases, compared or bases)
+    )
+    table = paired(first, second)
+    rows = []
+    several_laws = figures.has_several_laws([*bases, *compared])
+    for name, key, digits in _CYCLE_ROWS:
+        one = table.loc[name]
+        cells = [name, f"{one['first']:{digits}} ± {one['first_sd']:{digits}}"]
+        if compared:
+            left_out = several_laws and key in _OF_DEPTH
+            cells.append(f"{one['second']:{digits}} ± {one['second_sd']:{digits}}")
+            cells.append(NO_VALUE if left_out else _difference(one, digits))
+        if np.isfinite(one["first"]) and not (several_laws and "strain" in name):
+            rows.append(cells)
+    head = ["", f"{len(bases)} recordings"]
+    if compared:
+        head += [f"with {compared[0].label.rpartition(', with ')[2]}", "difference"]
+    note = (
+        "Mean ± standard deviation over the recordings, each one the mean of its cycles. Differences are paired by "
+        "recording, with their 95 % interval (Student's)."
+    )
+    return PageTable(head, rows, note)
 
 
 def _rings(run: ReportRun, name: str) -> str:

@@ -29,6 +29,7 @@ from .gathered import (
 from .runs import ReportRun
 
 MICRO = 1e6
+NOT_COMPARABLE = "The contact laws differ, so these depths are not comparable."
 _HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
 """Colours of runs and of uncertain inputs, by Okabe and Ito: colour-blind readers can distinguish them"""
 _DOTS_PER_INCH = 200
@@ -46,8 +47,6 @@ _LEAST_EFFECT = 1e-3
 """Smallest deviation of the depth in it [µm]"""
 ALL_INPUTS = "all of them together"
 NUMERICAL_ERROR = "numerical error (bound)"
-_CARTILAGE_THICKNESS = 3.0
-"""Thickness of resting cartilage [mm] that the range of depths assumes, as the model's paper does"""
 
 
 class PublishedRange(NamedTuple):
@@ -98,13 +97,6 @@ OF_MEDIAL = (
     *COMPUTED,
 )
 """Ranges of the force of the medial compartment"""
-_OF_DEPTH = PublishedRange(
-    f"in vivo, MRI and fluoroscopy: 7–23 % of {_CARTILAGE_THICKNESS:g} mm",
-    0.07 * _CARTILAGE_THICKNESS,
-    0.23 * _CARTILAGE_THICKNESS,
-    (0.0, 100.0),
-    (5,),
-)
 
 
 class Figure(NamedTuple):
@@ -125,6 +117,19 @@ _DEPTH = CYCLE_CURVES["penetration_depth_mm"]
 _POINT = CYCLE_CURVES["contact_point_x_mm"]
 _PRESSURE = CYCLE_CURVES["peak_pressure_MPa"]
 _PATCH = CYCLE_CURVES["patch_half_width_mm"]
+
+
+def measured_depths(runs: Sequence[ReportRun]) -> PublishedRange | None:
+    """Range of measured deformations; None if it does not fit all laws: one layer, and cartilage of one thickness."""
+    found = {
+        0.0 if run.has_bone or not (run.model and run.model.patch) else run.model.patch.thickness
+        for run in runs
+    }
+    thickness = MM * found.pop() if len(found) == 1 else 0.0
+    if not thickness:
+        return None
+    text = f"in vivo, MRI and fluoroscopy: 7–23 % of {thickness:g} mm"
+    return PublishedRange(text, 0.07 * thickness, 0.23 * thickness, (0.0, 100.0), (5,))
 
 
 def cycles_of(run: ReportRun, what: Quantity) -> Floats:
@@ -179,9 +184,19 @@ def pressure_of(run: ReportRun) -> str:
     patch = run.model.patch if run.model else None
     if patch is None:
         return "not known"
-    spread = f"{patch.spread.name}, R {MM * patch.radius:.1f} mm, cartilage {MM * patch.thickness:.2g} mm"
+    contact = run.parameters.contact
+    radii = f"{MM * contact.femoral_radius:.3g} and {MM * contact.tibial_radius:.3g} mm"
+    spread = (
+        f"{patch.spread.name}, R {MM * patch.radius:.1f} mm of contact.femoral_radius and contact.tibial_radius "
+        f"({radii}), not of the surfaces"
+    )
     own = run.parameters.contact.law in LAWS_WITH_PRESSURE
     return spread if own else f"the law defines none; its force at rest is distributed as {spread}"
+
+
+def has_several_laws(runs: Sequence[ReportRun]) -> bool:
+    """Whether the runs have different contact laws, so that their depths are not comparable."""
+    return len({run.parameters.contact.law for run in runs}) > 1
 
 
 def moves(cyclic: Sequence[ReportRun]) -> bool:
@@ -223,11 +238,13 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
         )
     else:
         of_force = "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
-    of_depth = (
-        f"Grey: peak deformations in vivo, {_OF_DEPTH.lowest:.2f} to {_OF_DEPTH.highest:.2f} mm if the cartilage is "
-        f"{_CARTILAGE_THICKNESS:g} mm thick. A depth here follows from the contact law and the force; it is not a "
-        "measured deformation."
-    )
+    measured = measured_depths(cyclic)
+    of_depth = "No measured range is drawn: it holds for one layer of one thickness. "
+    if measured:
+        of_depth = f"Grey: peak deformations, {measured.lowest:.2f} to {measured.highest:.2f} mm. "
+    of_depth += "A depth here follows from the contact law and the force."
+    if has_several_laws(cyclic):
+        of_depth += f" {NOT_COMPARABLE}"
     if any(run.has_bone for run in cyclic):
         of_depth += " Dotted: where bone, the second layer, begins."
     laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
@@ -236,7 +253,7 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
         _DEPTH: of_depth,
         _FLEXION: "",
         _PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
-        _PATCH: "Of a round patch, from the depth and the radii of the law.",
+        _PATCH: "Of a round patch, from the depth and the radii of the law, not of the surfaces.",
         _POINT: "Position along the tibial plateau, from the tibia frame's origin, anterior positive.",
     }
 
@@ -297,6 +314,7 @@ def knee_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
         name = f"The knee at the peaks: {group[0].name}"
         height = 3.0 * len(group)
         with drawn(figures, kind, f"knee_{number}", name, caption, height) as canvas:
+            caption = "As above."
             rows = canvas.subplots(len(group), len(titles), squeeze=False)
             for row, run, model in zip(rows, group, models, strict=True):
                 label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
@@ -454,10 +472,13 @@ def _draw_published(axis: Any, cyclic: Sequence[ReportRun], what: Quantity) -> N
     ranges = _ranges_of(cyclic) if what is _FORCE else ()
     depths = set()
     if what is _DEPTH:
-        ranges = (_OF_DEPTH,)
+        measured = measured_depths(cyclic)
+        ranges = (measured,) if measured else ()
         depths = {run.parameters.contact.layer_depth for run in cyclic if run.has_bone}
-    for each in ranges:
+    for number, each in enumerate(ranges):
         shade: Any = {"facecolor": "0.85", "zorder": 0, "alpha": 0.6, "edgecolor": "none"}
+        if number and each.text != ranges[0].text:
+            shade |= {"facecolor": "none", "hatch": "////", "edgecolor": "0.7"}
         if each.lowest == each.highest:
             shade |= {"edgecolor": "0.5", "linewidth": 3.0}
         axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)

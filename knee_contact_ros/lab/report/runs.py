@@ -40,6 +40,7 @@ from ...parameters.build import build_model, law_constants
 from ...parameters.schema import Parameters
 from ...parameters.subjects import Subject
 from ...streams.compartments import compartment_of_topic
+from ...streams.output import PROVENANCE
 from ...streams.topics import (
     KNEE,
     KNEE_CONTACT,
@@ -126,8 +127,12 @@ def value_text(value: Any) -> str:
     return NO_VALUE if value is None or value == "" else str(value)
 
 
-def differences(several: Sequence[Parameters | None], join: str = ", ") -> list[str]:
+def differences(
+    several: Sequence[Parameters | None], join: str = ", ", labels: Sequence[str] = ()
+) -> list[str]:
     """List differences between the parameters of several runs, a line for each name: `body_weight: 737.068, 931.6 N`.
+
+    With the labels of the runs each value has its run's before it.
 
     Only constants that a contact law uses count. Parameters that are None are unknown. A lateral compartment is a run
     of its own, with its parameters under the medial names.
@@ -140,8 +145,12 @@ def differences(several: Sequence[Parameters | None], join: str = ", ") -> list[
         if any(row.get(name) != rows[0].get(name) for row in rows):
             # A recording without parameters leaves its values unknown.
             texts = [value_text(row.get(name)) if row else "not known" for row in rows]
+            texts = [
+                f"{label} {text}"
+                for label, text in zip(labels or [""] * len(texts), texts, strict=True)
+            ]
             unit = files.known_parameters()[name].unit.replace("exponent", "n")
-            lines.append(f"{name}: {join.join(texts)} {unit}".strip())
+            lines.append(f"{name}: {join.join(map(str.strip, texts))} {unit}".strip())
     return lines
 
 
@@ -187,6 +196,8 @@ class ReportRun(NamedTuple):
     """Whether the parameters are the recording's own rather than assumed"""
     kept: Sequence[str] = ()
     """Parameters that a comparison takes from its run although its files set other values, as texts"""
+    gait: str = ""
+    """Name of the bag with the inputs of a recording; empty: it is the source, or not known"""
     ringing: Ringing | None = None
     """Ringing of the contact force; None: not known"""
     uncertain: Propagated | None = None
@@ -310,10 +321,10 @@ class _Source(NamedTuple):
                     (each for each in others if is_lateral(each.topic) == side), None
                 )
                 if comparison:
-                    laws = " + ".join(each.stem for each in self.options.compare)
+                    laws = " + ".join(each.name for each in self.options.compare)
                     comparison = comparison._replace(
                         name=name,
-                        label=f"{name}, {laws}",
+                        label=f"{name}, with {laws}",
                         topic=run.topic,
                         kept=_kept_values(run.parameters, compared),
                     )
@@ -338,7 +349,8 @@ class _Source(NamedTuple):
                 warn([doubt])
                 origin += f" {doubt}."
         runs = [_read_run(self.bag, topic, self._basis, self.bar) for topic in topics]
-        return [run._replace(origin=origin) for run in runs]
+        gait = str((self.bag.first_metadata(PROVENANCE) or {}).get("source", ""))
+        return [run._replace(origin=origin, gait=gait) for run in runs]
 
     def _doubt(self, topic: str) -> str:
         """Sentence that the parameters are not those of the recorded answers."""

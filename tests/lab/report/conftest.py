@@ -11,7 +11,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from tests.helpers.offline import solve
 
 DEVIATIONS = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
-RUNS = ["right", "right, osteoarthritis", "left", "left, osteoarthritis"]
+RUNS = ["right", "right, with osteoarthritis.yaml", "left", "left, with osteoarthritis.yaml"]
 """Runs of `both`"""
 
 Report = Callable[..., Path]

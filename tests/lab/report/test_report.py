@@ -6,6 +6,7 @@ import math
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from knee_contact_ros import load_model
@@ -180,6 +181,11 @@ ON_THE_PAGE = (
     "The contact point does not move",
     "Grey, published of the medial compartment:",
     "The largest load of right, at 2.430 s, is not within a whole gait cycle.",
+    "The contact laws differ, so these depths are not comparable.",
+    "No measured range is drawn",
+    "gait: right gait2354_right, left gait2354_left",
+    "largest nominal strain [%] 16.6 of 4.4 mm 100.0 of 0.5 mm",
+    "R 53.0 mm of contact.femoral_radius and contact.tibial_radius (34 and 95 mm), not of the surfaces",
 )
 ONCE = (
     "contact.law: kelvin_voigt → two_layer_viscoelastic",
@@ -216,6 +222,23 @@ def test_another_load_and_femur(bags, report):
     assert "&lt;b onload=" in page_of(out)
     assert (out / "contact_point.png").exists()
     assert np.ptp(numbers(rows_of(out / "cycles.csv"), "contact_point_x_mm_mean")) > 5.0
+    assert "Grey: peak deformations, 0.31 to 1.01 mm." in text  # 7 to 23 % of 4.4 mm
+
+
+def test_three_recordings_have_means_deviations_and_paired_differences(bags, recording, report):
+    out = report(*bags, recording, "--compare=healthy.yaml", "-p", "contact.law:=hertz")
+    text = text_of(out)
+    assert "body_weight: gait2354_right 737.068, gait2354_left 737.068, knee 700 N" in text
+    strides = pd.read_csv(out / "strides.csv").groupby("run")["loading_rate_N_per_s"].mean()
+    compared = strides.index.str.contains("with")
+    first, second = strides[~compared].to_numpy(), strides[compared].to_numpy()
+    weights = np.array([BODY_WEIGHT, BODY_WEIGHT, 700.0])  # in the order of the labels
+    first, second, apart = first / weights, second / weights, (second - first) / weights
+    half = 4.302653 * apart.std(ddof=1) / math.sqrt(3.0)  # Student's, two degrees of freedom
+    means = [f"{each.mean():.1f} ± {each.std(ddof=1):.1f}" for each in (first, second)]
+    ends = [f"{apart.mean() + each:+.1f}" for each in (0.0, -half, half)]
+    row = f"loading rate [BW/s] {' '.join(means)} {ends[0]} ({ends[1]} to {ends[2]})"
+    assert row in text.partition("3 recordings with healthy.yaml difference")[2]
 
 
 def test_a_recording_has_its_own_parameters(recording, report):
@@ -224,7 +247,7 @@ def test_a_recording_has_its_own_parameters(recording, report):
     assert "Recorded with knee_contact_ros" in text
     assert "body_weight: 700 instead of 737.068 N" in text  # stored, and not that of healthy.yaml
     runs = runs_of(out / "peaks.csv")
-    depth = float(runs["knee, healthy"][1]["penetration_depth_mm"])
+    depth = float(runs["knee, with healthy.yaml"][1]["penetration_depth_mm"])
     assert depth == pytest.approx(0.729, abs=0.0005)
     for rows in runs.values():  # healthy.yaml says 737.068 N, and a comparison is no other person
         assert numbers(rows, "load_BW") == pytest.approx(numbers(rows, "load_N") / 700.0, rel=1e-8)
@@ -245,7 +268,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording, tmp_path, repor
     out = report(path, "--compare=healthy.yaml")
     runs = runs_of(out / "peaks.csv")
     names = [f"both {side}/knee_contact" for side in ("left", "right")]
-    assert list(runs) == [f"{name}{law}" for name in names for law in ("", ", healthy")]
+    assert list(runs) == [f"{name}{law}" for name in names for law in ("", ", with healthy.yaml")]
     depths = [numbers(rows, "penetration_depth_mm").max() for rows in runs.values()]
     assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
     text = text_of(out)

@@ -50,4 +50,7 @@ def test_both_compartments_of_a_recording(right_bag, deviations, tmp_path, repor
     # quasi-static: what one gains the other loses
     assert medial == pytest.approx(-lateral, rel=0.01)
     assert (out / "uncertainty_2.png").exists()
-    assert "femur.profile: femur_medial.csv, femur_lateral.csv" in text_of(out)
+    assert (
+        "femur.profile: both medial femur_medial.csv, both lateral femur_lateral.csv"
+        in text_of(out)
+    )
