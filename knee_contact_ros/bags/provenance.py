@@ -41,7 +41,7 @@ OURS = "knee_contact_ros "
 """Prefix of the package's name and version in a record of this package"""
 ALL_BITS = 255
 """All bits of a status"""
-NOT_OF_THE_RESULT = ("record.", "rerun.", "diagnostics.", "autostart", "deadline")
+NOT_OF_THE_RESULT = ("record.", "rerun.", "diagnostics.", "autostart", "realtime", "deadline")
 """Prefixes of the names of parameters that no answer depends on"""
 
 

@@ -152,12 +152,20 @@ class RosCommand(click.Command):
         return super().invoke(ctx)
 
 
-def run_kinds(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
+def run_kinds(ros_arguments: tuple[str, ...], realtime: bool, kinds: Sequence[Any]) -> None:
     """Run the nodes of some `kinds` until they end."""
-    from ..node.managed_node import run_nodes
+    from ..node.managed_node import ROS_ARGUMENTS, run_nodes
 
-    if code := run_nodes(list(ros_arguments), kinds):
+    more = [ROS_ARGUMENTS, "-p", "realtime:=true"] if realtime else []
+    if code := run_nodes([*ros_arguments, *more], kinds):
         sys.exit(code)
+
+
+_realtime_option = click.option(
+    "--realtime",
+    is_flag=True,
+    help="Schedule the node's threads before all ordinary processes (parameter realtime).",
+)
 
 
 _TO_ROS = {
@@ -171,32 +179,34 @@ _TO_ROS = {
     cls=RosCommand,
     context_settings=_TO_ROS,
     add_help_option=False,
-    options_metavar="[--ros-args ...]",
+    options_metavar="[--realtime] [--ros-args ...]",
 )
+@_realtime_option
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
-def node(ros_arguments: tuple[str, ...]) -> None:
+def node(ros_arguments: tuple[str, ...], realtime: bool) -> None:
     """Run the ROS 2 node that computes the contact.
 
     It takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
     from ..node.contact_node import CONTACT_NODE
 
-    run_kinds(ros_arguments, [CONTACT_NODE])
+    run_kinds(ros_arguments, realtime, [CONTACT_NODE])
 
 
 @click.command(
     cls=RosCommand,
     context_settings=_TO_ROS,
     add_help_option=False,
-    options_metavar="[--with-contact] [--ros-args ...]",
+    options_metavar="[--with-contact] [--realtime] [--ros-args ...]",
 )
 @click.option(
     "--with-contact",
     is_flag=True,
     help="Run the contact node in the same process, which saves one message.",
 )
+@_realtime_option
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
-def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
+def load(ros_arguments: tuple[str, ...], with_contact: bool, realtime: bool) -> None:
     """Run the ROS 2 node that estimates the joint reaction force.
 
     It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. It takes
@@ -204,7 +214,7 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     """
     from ..node.load_node import LOAD_NODE, load_and_contact
 
-    run_kinds(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
+    run_kinds(ros_arguments, realtime, load_and_contact() if with_contact else [LOAD_NODE])
 
 
 @click.command()

@@ -11,6 +11,7 @@ import signal
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,6 +28,7 @@ from ..streams.topics import INPUTS
 from ..streams.watch import unanswered_sentence
 from ..system.errors import UsageError, join_faults, suggest
 from ..system.files import parameter_file
+from ..system.realtime import LONGEST_RUN, end_realtime
 from ..system.ros import make_executor, one_line_ros_errors, resolve_topic
 from ..system.ros_files import (
     PARAMETERS_KEY,
@@ -284,6 +286,7 @@ def _run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         start_nodes([node for node in nodes if node.node_parameters.read_parameters().autostart])
         executor = make_executor(*nodes)
         watchdog = Watchdog([node.report_standstill for node in nodes])
+        signal.signal(signal.SIGXCPU, partial(on_long_run, nodes[0]))
         while not stop.requested:
             spin(executor, nodes[0])
             watchdog.note_life()
@@ -362,6 +365,13 @@ def spin(executor: Executor, node: ManagedNode) -> None:
     except Exception:
         text = f"this should not happen; the node continues: {traceback.format_exc()}"
         node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
+
+
+def on_long_run(node: ManagedNode, _number: int, _frame: object) -> None:
+    """End real-time scheduling after work without a pause, which others may have to wait for."""
+    end_realtime()
+    text = f"a thread worked for {LONGEST_RUN} s without a pause: real-time scheduling is off until the next activation"
+    node.get_logger().error(text)
 
 
 def start_nodes(nodes: Sequence[ManagedNode]) -> None:

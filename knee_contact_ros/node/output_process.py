@@ -18,6 +18,7 @@ from typing import Any
 from ..streams.output import ENDED, FAILED, OPEN, REFUSED, Note, Report
 from ..streams.topics import Ending
 from ..system.errors import UsageError
+from ..system.realtime import leave_processor
 
 SWITCH_PERIOD = 1e-4
 """Longest time [s] for which a computing thread keeps the interpreter from the receiving thread"""
@@ -106,8 +107,10 @@ def lower_priority(niceness: int) -> None:
 
 
 def main() -> None:
-    """Work on the socket whose number the command line names first, with the niceness that it names second."""
+    """Work on the socket whose number the command line names first; niceness and `Sink.apart` are behind it."""
     lower_priority(int(sys.argv[2]))
+    if int(sys.argv[3]):
+        leave_processor()
     sys.setswitchinterval(SWITCH_PERIOD)
     with Connection(int(sys.argv[1])) as connection:
         asked = receive_item(connection)

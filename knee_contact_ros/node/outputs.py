@@ -39,6 +39,7 @@ from ..streams.topics import NANOSECONDS, Ending, TickOutput
 from ..system.errors import UsageError
 from ..system.output_files import free_names
 from ..system.processes import Process, reap_process, start_connected
+from ..system.realtime import start_ordinary
 
 WORKER = "knee_contact_ros.node.output_process"
 
@@ -192,7 +193,11 @@ class SinkProcess:
         """Start the process, and hand over waiting items until it is gone; runs in the thread."""
         reason = ""
         try:
-            connection, self.process = start_connected(WORKER, str(self._sink.niceness))
+            start_ordinary()
+            sink = self._sink
+            connection, self.process = start_connected(
+                WORKER, str(sink.niceness), str(int(sink.apart))
+            )
             with connection:
                 try:
                     reason = self._feed(connection)
@@ -484,4 +489,5 @@ def sink_of(section: str, knee: RecordedKnee) -> Sink | None:
     """
     limits = getattr(knee.parameters, section)
     sink: Sink | None = import_module(limits.output).sink_for(knee)
-    return sink and sink._replace(section=section, limits=limits)
+    apart = knee.parameters.realtime
+    return sink and sink._replace(section=section, limits=limits, apart=apart)

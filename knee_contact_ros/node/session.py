@@ -31,6 +31,7 @@ from ..streams.pipeline import Pipeline
 from ..streams.topics import JOINT_STATES, Ending, TickOutput
 from ..system.errors import UsageError
 from ..system.output_files import check_writable, expand_stamp, free_names
+from ..system.realtime import begin_realtime, end_realtime
 from .diagnostics import Health
 from .inputs import (
     HandedInputs,
@@ -121,6 +122,8 @@ class Session(ABC):
 
     def prepare(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:
         """Wait until the outputs are open; signals may interrupt this within `interrupting`."""
+        if self.parameters.realtime:
+            end_realtime()  # another node in this process may be active
         with interrupting():
             self.outputs.wait_until_known()
 
@@ -223,6 +226,8 @@ class Session(ABC):
             stream.start_listening()
         self._watch_publishers()
         self.health.counts.start_timer()
+        if self.parameters.realtime and (forbidden := begin_realtime()):
+            self.node.get_logger().warning(forbidden)
         self._work = RegularWork(self._calls)
         self._timer = self.node.create_timer(self._wait_period, self._on_timer, clock=STEADY)
 
@@ -242,6 +247,8 @@ class Session(ABC):
         if not self.streaming:
             gc.enable()
             gc.unfreeze()
+            if self.parameters.realtime:
+                end_realtime()
         for stream in self.inputs:
             stream.stop_listening()
         if self._timer:

@@ -141,6 +141,8 @@ class LoadParameters(NodeSection):
     pairing: PairingSection = PairingSection()
     autostart: bool = True
     """true: the node configures and activates itself"""
+    realtime: bool = False
+    """true: while active, the node's threads go before all ordinary processes (SCHED_FIFO), and its memory is locked"""
     deadline: float = Field(0.02, gt=0.0, le=3600.0)
     """[s] longest time from a ground force to its estimate; the node counts later estimates"""
     diagnostics: DiagnosticsSection = DiagnosticsSection()

@@ -340,6 +340,8 @@ class Parameters(NodeSection):
     """[N] body weight, for forces in BW"""
     autostart: bool = True
     """true: the node configures and activates itself"""
+    realtime: bool = False
+    """true: while active, the node's threads go before all ordinary processes (SCHED_FIFO), and its memory is locked"""
     deadline: float = Field(0.02, gt=0.0, le=3600.0)
     """[s] longest time from a force to its answer; the node counts later answers"""
     diagnostics: ContactDiagnosticsSection = ContactDiagnosticsSection()

@@ -96,6 +96,8 @@ class Sink(NamedTuple):
     """Name of its section of parameters, which the node sets"""
     limits: Any = None
     """That section: its `queue` is the largest number of answers that wait, its `queue_size` their memory [MB]"""
+    apart: bool = False
+    """Whether its process leaves a processor to the node, which the node sets"""
 
 
 class Note(NamedTuple):

@@ -1,8 +1,10 @@
 """The managed node: its states, what each transition answers, completes and forgets, and what ends the process."""
 
+import os
 import signal
 
 import psutil
+import pytest
 from lifecycle_msgs.msg import State
 
 import knee_contact_ros
@@ -151,3 +153,28 @@ def test_forces_that_wait_are_answered_before_the_streams_are_left(peer, start_n
         *[anew, Status.INPUT_HELD] * 2,
     ]
     assert answers[:4] == peer.contacts[:4]
+
+
+def test_a_real_time_node_goes_first_while_it_is_active_and_its_outputs_do_not(
+    peer, start_node, tmp_path
+):
+    node = start_node("realtime:=true", f"record.path:={tmp_path / 'knee.mcap'}")
+    peer.wait_for_node()
+    process = psutil.Process(node.process.pid)
+
+    def policies():
+        return {os.sched_getscheduler(thread.id) for thread in process.threads()}
+
+    if os.SCHED_FIFO not in policies():
+        assert "real-time scheduling is forbidden here" in node.stop()
+        pytest.skip("real-time scheduling is not allowed here")
+    assert policies() == {os.SCHED_FIFO}
+    (recorder,) = process.children()
+    assert os.sched_getscheduler(recorder.pid) == os.SCHED_BATCH
+    assert len(recorder.cpu_affinity()) == max(len(process.cpu_affinity()) - 1, 1)
+    process.send_signal(signal.SIGXCPU)
+    peer.wait_until(lambda: policies() == {os.SCHED_OTHER})
+    assert change_state(peer, "deactivate")
+    assert change_state(peer, "activate")
+    assert policies() == {os.SCHED_FIFO}
+    assert "real-time scheduling is off until the next activation" in node.stop()
