@@ -356,7 +356,8 @@ def work_folder(output: Path) -> Iterator[Path]:
             raise
         raise _not_written(output, error) from None
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        for _ in range(2):  # an output that is just being ended may have renamed its file meanwhile
+            shutil.rmtree(work, ignore_errors=True)
         if made and not any(output.iterdir()):
             output.rmdir()
 
