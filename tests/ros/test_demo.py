@@ -87,7 +87,7 @@ def test_two_demos_at_once_give_what_solve_gives(tmp_path, right_bag, config):
         )
         assert results == [*optional, *expected]
     output, folder = said["companion"], tmp_path / "companion"
-    assert "387 over 1.93 s" in output
+    assert "387 in 1.93 s" in output
     assert "dropped          0" in output
     assert "1613.8   2.19              1614.1   2.19        0.747" in output
     assert max(len(line.rstrip()) for line in output.split("\n\n")[0].splitlines()) <= 80
