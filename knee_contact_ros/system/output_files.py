@@ -356,7 +356,9 @@ def work_folder(output: Path) -> Iterator[Path]:
             raise
         raise _not_written(output, error) from None
     finally:
-        for _ in range(2):  # an output that is just being ended may have renamed its file meanwhile
+        for _ in range(
+            2
+        ):  # an output that is just being ended may have renamed its file meanwhile
             shutil.rmtree(work, ignore_errors=True)
         if made and not any(output.iterdir()):
             output.rmdir()

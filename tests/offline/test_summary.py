@@ -46,7 +46,7 @@ def test_stamps_of_today_leave_the_table_whole(capsys):
     told = capsys.readouterr().out
     assert " peak 1      1200.0   1.71              1200.0   1.71        1.200   +0.500" in told
     assert " peak 2      1200.0   1.71              1200.0   1.71        1.200   +1.500" in told
-    assert "2000 over 2.00 s from 1764027108.000 s on" in told
+    assert "2000 in 2.00 s from 1764027108.000 s on" in told
     assert max(map(len, told.splitlines())) <= 80
 
 
