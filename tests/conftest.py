@@ -172,10 +172,19 @@ def old_recording():
 @pytest.fixture(scope="session")
 def watching(tmp_path_factory):
     """A library that stands between a program and its disk: `watched_disk.c`."""
-    source, path = (
-        Path(__file__).with_name("watched_disk.c"),
-        tmp_path_factory.mktemp("watched") / "watched.so",
-    )
+    return compiled("watched_disk", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def counted_allocations(tmp_path_factory):
+    """A library that counts the interpreter's allocations: `counted_allocations.c`."""
+    return compiled("counted_allocations", tmp_path_factory)
+
+
+def compiled(name, tmp_path_factory):
+    """Compile a library of this folder."""
+    source = Path(__file__).with_name(f"{name}.c")
+    path = tmp_path_factory.mktemp(name) / f"{name}.so"
     compiler = shutil.which("cc")
     if not compiler:
         pytest.skip("there is no C compiler here")
