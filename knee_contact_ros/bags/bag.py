@@ -28,6 +28,7 @@ from ..streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     LOAD_INPUTS,
+    NET_LOAD,
     types_in,
     types_of,
     typestore,
@@ -57,6 +58,7 @@ INPUT_TYPES = types_of(INPUTS)
 OTHER_WAYS = {
     JOINT_STATES: f"-p knee.source:={DYNAMIC_JOINT_STATES} reads those of ros2_control",
     JOINT_REACTION_FORCE: f"knee-contact estimate-load computes it from {GROUND_REACTION_FORCE}",
+    GROUND_REACTION_FORCE: f"estimate-load --params load/{NET_LOAD} takes {NET_LOAD}",
 }
 """For an input that is missing in a bag, an alternative to another name"""
 FIXED_TYPES = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")

@@ -66,6 +66,12 @@ sensor_map_option = path_option(
     "estimate-load. Needs --model and the extra opensim. With --setup you may leave out the file.",
 )
 @click.option(
+    "--net",
+    is_flag=True,
+    help="The reactions are those of inverse dynamics, without muscle forces. The bag gets net_load for "
+    "estimate-load --params load/net_load.",
+)
+@click.option(
     "--joint",
     metavar="NAME",
     help="Joint of the reactions. [default: the one with knee and side in its name]",

@@ -2,7 +2,8 @@
 
 A standing foot is level, so hip, knee and ankle give its pitch; the ground pushes back before it pushes forwards; and
 it pushes under the foot, which is ahead of the ankle. Another convention breaks one of these, and the estimate with
-it: an angle of the hip against the pelvis makes 3.6 body weights of 2.6.
+it: an angle of the hip against the pelvis makes 3.6 body weights of 2.6. Of a net load: muscles extend the standing
+knee more, the more it is bent.
 """
 
 import math
@@ -23,8 +24,12 @@ _MOST_PITCH = math.radians(4.5)
 """Largest one; with the hip's angle against the pelvis it was 7 to 10 degrees"""
 _TURNS = math.radians(15.0)
 """Range [rad] that the thigh goes through in stance; in less of it, nothing is pushed back and forwards"""
+_BENDS = math.radians(10.0)
+"""The same of a standing knee; below it the net moment is not judged"""
 _FOLLOWS = 0.7
 """Correlation of forward force and thigh above which the force is turned; where it is ours it was -0.98 to -0.94"""
+_REVERSED = -0.4
+"""Correlation of flexion and net moment below which the moment is turned; in fifteen trials it was 0.47 to 0.91"""
 _BEHIND = -0.02
 """Most backward mean place [m] of the centre of pressure, from the ankle; in ten strides it was 43 to 88 mm ahead"""
 
@@ -35,12 +40,14 @@ class LegCheck:
 
     weight: float
     """Body weight [N]"""
+    net: bool = False
+    """Whether the wrench is the knee's net one, and not the ground's"""
     samples: int = 0
     """Number of samples in which the foot stood"""
     _sums: dict[str, float] = field(default_factory=dict)
     """Sums by name; NaN where something is not measured"""
-    _thigh: tuple[float, float] = (math.inf, -math.inf)
-    """Range of the thigh's angle [rad]"""
+    _turned: tuple[float, float] = (math.inf, -math.inf)
+    """Range of the angle [rad] that moves with the force: the thigh's, or the knee's with the net moment"""
 
     def add_sample(self, joints: Joints, ground: Ground) -> None:
         """Add a sample; what is not measured is NaN."""
@@ -48,20 +55,22 @@ class LegCheck:
         if not up > _STANDS * self.weight:
             return
         self.samples += 1
-        hip = joints.hip
+        angle = joints.hip
+        if self.net:
+            angle, forward = joints.flexion, ground.torque[2]
         terms = {
-            "pitch": hip - joints.flexion + joints.ankle,
-            "hip": hip,
+            "pitch": joints.hip - joints.flexion + joints.ankle,
+            "angle": angle,
             "forward": forward,
-            "hip * hip": hip * hip,
+            "angle * angle": angle * angle,
             "forward * forward": forward * forward,
-            "hip * forward": hip * forward,
+            "angle * forward": angle * forward,
             "up": up,
             "moment": ground.torque[2],
         }
         for name, value in terms.items():
             self._sums[name] = self._sums.get(name, 0.0) + value
-        self._thigh = min(self._thigh[0], hip), max(self._thigh[1], hip)
+        self._turned = min(self._turned[0], angle), max(self._turned[1], angle)
 
     @property
     def sentences(self) -> list[str]:
@@ -69,6 +78,19 @@ class LegCheck:
         if self.samples < _JUDGED:
             return []
         mean = {name: value / self.samples for name, value in self._sums.items()}
+        walks = self._turned[1] - self._turned[0] > (_BENDS if self.net else _TURNS)
+        both, angles, forces = (
+            mean[f"{one} * {other}"] - mean[one] * mean[other]
+            for one, other in (("angle", "forward"), ("angle", "angle"), ("forward", "forward"))
+        )
+        together = math.sqrt(max(angles * forces, 0.0))
+        if self.net:
+            if not walks or both >= _REVERSED * together:
+                return []
+            return [
+                "the net moment of the standing knee falls as the knee bends, and muscles extend it more then: is it "
+                "positive if they extend it? An external moment that is positive in flexion is the same number"
+            ]
         found = []
         pitch = mean["pitch"]
         if -_ABSURD_PITCH < pitch < _LEAST_PITCH or _MOST_PITCH < pitch < _ABSURD_PITCH:
@@ -77,12 +99,7 @@ class LegCheck:
                 "it is level: is the hip's angle that of the thigh to the vertical, not to the pelvis (a map takes the "
                 "pelvis' angle as pelvis), positive with the knee ahead? And is the ankle 0 at a right angle?"
             )
-        walks = self._thigh[1] - self._thigh[0] > _TURNS
-        both, hips, forces = (
-            mean[f"{one} * {other}"] - mean[one] * mean[other]
-            for one, other in (("hip", "forward"), ("hip", "hip"), ("forward", "forward"))
-        )
-        if walks and both > _FOLLOWS * math.sqrt(max(hips * forces, 0.0)):
+        if walks and both > _FOLLOWS * together:
             found.append(
                 "the ground pushes the standing foot forwards while the thigh is ahead, and back later, but it brakes "
                 "first: is the force's x forwards, and the hip's angle positive with the knee ahead?"

@@ -38,6 +38,7 @@ class Level(IntEnum):
     GROUND_FORCE = 0
     KNEE_MOMENT = 1
     ANKLE_MOMENT = 2
+    NET_LOAD = 3
 
 
 Dynamics = Callable[[Leg, Joints, LegMotion, Ground], NetMoments]
@@ -105,10 +106,15 @@ def knee_moment_alone(leg: Leg, joints: Joints, motion: LegMotion, ground: Groun
     return net_moments(leg, joints, motion, ground)._replace(plantarflexion=NOT_MEASURED)
 
 
+def net_load_given(_leg: Leg, _joints: Joints, _motion: LegMotion, ground: Ground) -> NetMoments:
+    """Take net moment and net force of the knee as they are given, as `ground_of` turns them."""
+    return NetMoments(ground.torque[2], NOT_MEASURED, ground.force[1], ground.torque[0])
+
+
 _CALIBRATED = AxialDeviation(0.30, 0.10)
 """Measured deviation with own constants, at each level; see docs/explanation/validation.md"""
 _BY_MOMENTS = AxialDeviation(0.35, 0.05)
-"""Measured deviation of both levels with net moments, with constants of other persons"""
+"""Measured deviation of the levels with net moments, with constants of other persons"""
 _BY_GROUND_FORCE = AxialDeviation(0.375, 0.10)
 """That of the level with the ground force alone"""
 LOAD_LEVELS = {
@@ -117,8 +123,9 @@ LOAD_LEVELS = {
     ),
     "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, _CALIBRATED, _BY_MOMENTS),
     "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, _CALIBRATED, _BY_MOMENTS),
+    "net_load": EstimationLevel(Level.NET_LOAD, net_load_given, _CALIBRATED, _BY_MOMENTS),
 }
-"""The levels by name, from the one with the fewest sensors to the one with the most"""
+"""The levels by name, from the one with the fewest sensors to the one with the most; the last one needs none"""
 
 
 _MAX_JOINT_ANGLE = math.pi
@@ -274,6 +281,8 @@ class Estimator:
         implausible sample the muscles act without delay. Neither it nor a held sample changes their forces later.
         """
         person, vertical = self._person, ground.force[1]
+        if self._level.level is Level.NET_LOAD:  # the ground's force, if shank and foot are still
+            vertical = net.compression + self._leg.weight_below
         reaction = reaction_of(person, joints, net, vertical)
         if status & BIT_TIME_RESET:
             self.forget_forces()

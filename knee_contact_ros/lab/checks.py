@@ -28,7 +28,7 @@ from ..model.inputs import (
 )
 from ..model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from ..model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
-from ..streams.topics import NANOSECONDS
+from ..streams.topics import NANOSECONDS, NET_LOAD
 from ..system.errors import UsageError
 from .gait_bag import Gait
 from .tables import Table, TimeSeries
@@ -55,7 +55,9 @@ _LOAD_PEAKS = (MIN_LOAD_PEAK, MAX_LOAD_PEAK)
 _USUAL_LOAD_PEAKS = (1.5, 4.0)
 """The narrower range [BW] of a peak load by which the right unit is guessed"""
 GROUND_PEAKS = (0.4, 5.0), (0.9, 1.6)
-"""The same two ranges for the ground's force on a foot"""
+"""The same two ranges for the ground's force on a foot, and for the net force of the knee"""
+_NET_MOMENTS = (5.0, 300.0)
+"""Limits of the largest net moment [N m] of the knee: in N m/kg it is less, and so is that of a contact force"""
 _FOOT_STANDS = 100.0
 """Vertical force [N] that a walking foot exceeds"""
 
@@ -306,6 +308,18 @@ def torque_doubts(series: TimeSeries) -> list[str]:
     return outside(series.where, "the largest torque", most, "N m", limits, _joint_cure(series))
 
 
+def net_doubts(
+    force: TimeSeries, moment: TimeSeries, unit: str | None, weight: float | None
+) -> list[str]:
+    """List what is likely a mistake of the knee's net load; see `peak_doubts`."""
+    most = float(np.abs(moment.values).max())
+    cure = "are its unit and column right, and is it of inverse dynamics, without muscles?"
+    return [
+        *peak_doubts(force, unit, weight, *GROUND_PEAKS),
+        *outside(moment.where, "the largest net moment", most, "N m", _NET_MOMENTS, cure),
+    ]
+
+
 def _joint_cure(series: TimeSeries) -> str:
     return f"is {series.name}.unit right, and is it this joint's?"
 
@@ -366,15 +380,17 @@ def peak_doubts(
 
 def convention_doubts(gait: Gait, weight: float | None) -> list[str]:
     """Doubt about conventions of the leg's angles and of the ground force; see `LegCheck`."""
-    if "ground_force" not in gait.wrenches or weight is None:
+    net = "ground_force" not in gait.wrenches
+    if weight is None or (net and NET_LOAD not in gait.wrenches):
         return []
-    stamps, wrenches = gait.wrenches["ground_force"]
+    stamps, wrenches = gait.wrenches[NET_LOAD if net else "ground_force"]
     knee, *others = gait.joints.values()
     unknown = knee._replace(values=np.full((len(knee.stamps), 1), np.nan))
     named = dict(zip(list(gait.joints)[1:], others, strict=True))
     joints = [knee, named.get("hip", unknown), named.get("ankle", unknown)]
     angles = np.column_stack([joint.at(stamps).values[:, 0] for joint in joints])
-    seen = LegCheck(weight)
-    for of_joints, wrench in zip(angles.tolist(), wrenches.tolist(), strict=True):
-        seen.add_sample(Joints(*of_joints), Ground(tuple(wrench[:3]), tuple(wrench[3:])))
+    seen = LegCheck(weight, net)
+    for of_joints, (x, y, z, *torque) in zip(angles.tolist(), wrenches.tolist(), strict=True):
+        ground = Ground((x, -y if net else y, z), tuple(torque))
+        seen.add_sample(Joints(*of_joints), ground)
     return seen.sentences

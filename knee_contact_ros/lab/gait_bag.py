@@ -41,6 +41,10 @@ _QUANTITIES = {
     "force": "joint reaction on the tibia at its frame's origin, in the tibia frame (x anterior, y superior, z to the "
     "right; a left knee is mirrored)",
 }
+_NET_QUANTITIES = {
+    "net_load": "what the thigh exerts on the shank at the knee without muscles: force y < 0 in compression, torque "
+    "z > 0 in extension, N and N m"
+}
 _LEG_QUANTITIES = {
     "joints": "knee flexion; hip, the angle between thigh and vertical in the sagittal plane, positive when the knee "
     "is ahead of the hip; ankle, positive in dorsiflexion, 0 at a right angle; rad",
@@ -112,7 +116,7 @@ class Gait(NamedTuple):
     """One or both, with x forward, y up and z to the right
 
     `load`: of the femur on the tibia at the tibia frame's origin, in that frame. `ground_force`: of the ground on the
-    foot about the ankle joint's centre, in upright axes.
+    foot about the ankle joint's centre, in upright axes. `net_load`: as `load`, without muscles.
     """
     columns: dict[str, str]
     """Names of the columns and of their file, by quantity"""
@@ -269,6 +273,7 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
     for name, topic, frame in (
         ("load", topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
         ("ground_force", topics.GROUND_REACTION_FORCE, "ground"),
+        (topics.NET_LOAD, topics.NET_LOAD, f"tibia_{gait.side[0]}"),
     ):
         if name in gait.wrenches:
             streams[topic] = _wrench_messages(gait.wrenches[name], topic, frame)
@@ -334,6 +339,8 @@ def store(
         origin |= {"conversions": "\n".join(gait.notes)} | _QUANTITIES
         if "ground_force" in gait.wrenches:
             origin |= _LEG_QUANTITIES
+        if topics.NET_LOAD in gait.wrenches:
+            origin |= _NET_QUANTITIES
         origin |= more
         if gait.weight:
             origin["body_weight"] = f"{gait.weight:.7g} N"

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..model.types import Floats, Stamps
 from ..parameters.sections import Section, first_error, one_of
-from ..streams.topics import NANOSECONDS
+from ..streams.topics import NANOSECONDS, NET_LOAD
 from ..system.errors import UsageError, list_names, suggest
 from ..system.files import find_file, read_mapping
 from ..system.output_files import work_folder
@@ -46,6 +46,8 @@ _IMPORTED = (
     *filter(None, _JOINT_CHANNELS.values()),
     "load",
     "moment",
+    "net_force",
+    "net_moment",
     *_GROUND_CHANNELS,
 )
 
@@ -216,6 +218,12 @@ class SensorMap(Section):
     ground_torque_z: SignedChannel | None = Field(
         None, description="about the ankle's centre, to the right"
     )
+    net_force: LoadChannel | None = Field(
+        None, description="axial force of the knee without muscles, by inverse dynamics"
+    )
+    net_moment: SignedChannel | None = Field(
+        None, description="its net moment without an actuator's, positive if it extends the knee"
+    )
     side: Annotated[str, one_of("right", "left")] = "right"
     body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
     rate: float = Field(
@@ -238,6 +246,8 @@ class SensorMap(Section):
             "ankle_assistance": "ankle",
             "pelvis": "hip",
             "moment": "load",
+            "net_force": "net_moment",
+            "net_moment": "net_force",
             **dict.fromkeys(_GROUND_CHANNELS, "ground_force"),
         }
         for name, whole in parts.items():
@@ -256,9 +266,9 @@ def run_import_csv(
             `anyway` also if they are unlikely. Nothing is written then.
     """
     sensors = read_map(maps)
-    if not (sensors.load or sensors.ground_force):
+    if not (sensors.load or sensors.ground_force or sensors.net_force):
         raise UsageError(
-            f"map {maps[-1]}: load: is missing, or ground_force: for estimate-load; only align needs none"
+            f"map {maps[-1]}: load: is missing, or ground_force: or net_force: for estimate-load; only align needs none"
         )
     gait_bag.check_bag_output(output, overwrite)
     channels = read_channels(files, sensors, _IMPORTED)
@@ -316,6 +326,9 @@ def _check_channels(
         doubts += checks.peak_doubts(
             ground, sensors.ground_force.unit, weight, *checks.GROUND_PEAKS
         )
+    if sensors.net_force:
+        net = channels["net_force"], channels["net_moment"]
+        doubts += checks.net_doubts(*net, sensors.net_force.unit, weight)
     checks.refuse(doubts, anyway)
     return doubts + (checks.unusual(load, weight) if load else [])
 
@@ -466,7 +479,9 @@ def _dimension(name: str) -> Dimension:
     """Return the dimension of a channel."""
     if name in {*_JOINT_CHANNELS, "pelvis", "reference"}:
         return "angle"
-    return "moment" if name == "moment" or "torque" in name or "assistance" in name else "force"
+    return (
+        "moment" if any(part in name for part in ("moment", "torque", "assistance")) else "force"
+    )
 
 
 def _file_of(channel: MapChannel, name: str, headers: dict[Path, Header]) -> Path:
@@ -607,11 +622,15 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
         if angle in signals
     }
     wrenches = {}
-    if "load" in channels:
-        load = _wrench(channels, ("", "load", "", "moment", "", ""), "load", 0.0, gap)
-        upwards = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
-        # Adding 0 makes minus 0 a 0.
-        wrenches["load"] = load._replace(values=load.values * upwards + 0.0)
+    for name, force, parts, unknown in (
+        ("load", "load", ("", "load", "", "moment", "", ""), 0.0),
+        (NET_LOAD, "net_force", ("", "net_force", "", "", "", "net_moment"), np.nan),
+    ):
+        if force in channels:
+            wrench = _wrench(channels, parts, force, unknown, gap)
+            upwards = np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+            # Adding 0 makes minus 0 a 0.
+            wrenches[name] = wrench._replace(values=wrench.values * upwards + 0.0)
     if "ground_force" in channels:
         wrenches["ground_force"] = _wrench(channels, _GROUND_CHANNELS, "ground_force", np.nan, gap)
     # Angles are kept for a second before and after the loads, as long as `pairing.angle_delay` can be.

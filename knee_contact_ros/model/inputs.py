@@ -221,7 +221,7 @@ class InputCheck:
             f"the load of a swinging and standing leg reaches {self.max_load / weight:.2f} body weights in the whole "
             "knee, and the contact force of a walking knee 2 to 3: is body_weight another person's, or is it the net "
             "joint force of inverse dynamics, which has no muscle forces? estimate-load computes "
-            "a load with them, from joint angles and the ground force"
+            "a load with them: from it and the net moment (load/net_load), or from joint angles and the ground force"
         )
 
     @property

@@ -1,5 +1,6 @@
 """Functions for Python: a model from parameters, and the commands `solve` and `estimate-load` with arrays."""
 
+import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,16 +8,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..bags.bag import Bag
 from ..bags.folder import others_beside
 from ..bags.names import Names, names_in_bag
 from ..bags.provenance import Provenance
+from ..bags.recorder import BagWriter
+from ..model.arrays import InputError, plain_array
 from ..model.knee import KneeModel
 from ..model.types import ROW, Rows
 from ..parameters.build import build_model
@@ -31,9 +35,15 @@ from ..parameters.schema import Parameters
 from ..parameters.subjects import Subject
 from ..results import Records
 from ..streams.compartments import compartments_of
-from ..streams.topics import LOAD_INPUTS
+from ..streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
+from ..streams.topics import JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, NANOSECONDS, NET_LOAD
 from ..streams.watch import parameter_doubts
-from ..system.errors import UsageError, join_faults
+from ..system.errors import UsageError, join_faults, list_names
 from ..system.files import DEFAULT_PARAMETERS, expand_user
 from ..system.output_files import check_output
 from ..system.progress import progress
@@ -259,8 +269,43 @@ def in_python(message: str) -> str:
     return message
 
 
+NET_ARRAYS = ("time", "knee", "net_force", "net_moment")
+"""Names of the arrays that `estimate_load` takes in place of a bag"""
+
+
+@contextmanager
+def _bag_of(bag: Name | Mapping[str, ArrayLike]) -> Iterator[Path]:
+    """Yield the path of a bag: the given one, or a temporary one with a net load given as arrays.
+
+    Raises:
+        InputError: an array is missing or cannot be used.
+    """
+    if not isinstance(bag, Mapping):
+        yield expand_user(str(bag))
+        return
+    if set(bag) != set(NET_ARRAYS):
+        raise InputError(
+            f"arrays {list_names([*map(str, bag)])}: needed are {', '.join(NET_ARRAYS)}"
+        )
+    columns = [plain_array(name, bag[name]) for name in NET_ARRAYS]
+    if len({len(column) for column in columns}) > 1 or not np.isfinite(columns).all():
+        raise InputError(f"{', '.join(NET_ARRAYS)} must be of equal length, and finite")
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "arrays.mcap")
+        with BagWriter(path) as writer:
+            for topic in (JOINT_STATES, NET_LOAD):
+                writer.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
+            for time, angle, force, moment in zip(*(c.tolist() for c in columns), strict=True):
+                stamp = round(time * NANOSECONDS)
+                state = JointState(stamp, "", ("knee",), (angle,), (), ())
+                wrench = WrenchStamped(stamp, "tibia", (0.0, -force, 0.0), (math.nan, 0.0, moment))
+                writer.write_message(f"/{JOINT_STATES}", stamp, encode_joint_state(state))
+                writer.write_message(f"/{NET_LOAD}", stamp, encode_wrench_stamped(wrench))
+        yield path
+
+
 def estimate_load(
-    bag: Name,
+    bag: Name | Mapping[str, ArrayLike],
     params: Any = None,
     values: Mapping[str, Any] | None = None,
     *,
@@ -272,7 +317,9 @@ def estimate_load(
     """Estimate the joint reaction force of a bag, as `knee-contact estimate-load` does: the same numbers. Needs no ROS.
 
     Args:
-        bag: An .mcap file, a .db3 file or a rosbag2 folder, with joint_states and ground_reaction_force.
+        bag: An .mcap file, a .db3 file or a rosbag2 folder, with joint_states and ground_reaction_force. Or arrays of
+            shape (n,) of inverse dynamics: `time` [s], `knee` [rad], `net_force` [N], positive in compression, and
+            `net_moment` [N m], positive in extension.
         params: A parameter file of the node knee_load, a mapping, or a list of these; None: those of a recording
             of estimates, else the defaults.
         values: Single parameters, which override all others: `{"person.mass": 70.0}`.
@@ -293,12 +340,13 @@ def estimate_load(
         >>> print(len(loads), f"{loads['axial_force'].max():.0f} N")
         387 1595 N
     """
-    path = expand_user(str(bag))
-    with in_python_words():
+    with in_python_words(), _bag_of(bag) as path:
         check_mappings(values, remap)
         sources = (
             params if isinstance(params, (list, tuple)) else [] if params is None else [params]
         )
+        if isinstance(bag, Mapping):
+            sources = [f"load/{NET_LOAD}", *sources]
         with Bag(path) as opened:
             parameters, _, changed = load_parameters_for(
                 opened, sources, dotted(values or {}), namespace

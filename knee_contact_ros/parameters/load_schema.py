@@ -57,9 +57,10 @@ class GroundForce(Section):
 
     source: ForceSource = "ground_reaction_force"
     """topic of the ground force, of type WrenchStamped; for another type, one field for the upward force, three for
-    the force (x, y, z), or six for the wrench"""
-    components: Annotated[str, one_of("vertical", "full")] = "vertical"
-    """vertical: use force.y only, as from an insole; full: use force and torque"""
+    the force (x, y, z), or six for the wrench; of a net load, two: the net compression and the net moment"""
+    components: Annotated[str, one_of("vertical", "full", "net")] = "vertical"
+    """vertical: use force.y only, as from an insole; full: use force and torque; net: not the ground's wrench, but that
+    of the thigh on the shank at the knee without muscles, force.y < 0 in compression, torque.z > 0 in extension"""
     axes: Annotated[str, one_of("ground", "foot")] = "ground"
     """ground: the axes of the wrench stay upright; foot: they turn with the foot"""
     ankle_x: float = Field(0.0, ge=-1.0, le=1.0)
@@ -171,7 +172,8 @@ class LoadParameters(NodeSection):
         if self.level not in (_AUTO, *allowed):
             return (
                 f"level: {self.level!r} is not allowed; it needs ground.components full, and hip.joint_name with "
-                "ground.axes ground or ankle.joint_name with foot; ankle_moment also ankle.joint_name. "
+                "ground.axes ground or ankle.joint_name with foot; ankle_moment also ankle.joint_name; net_load "
+                "ground.components net. "
                 f"These inputs allow {', '.join(allowed)}"
             )
         if len(set(joints)) < len(joints):
@@ -182,6 +184,8 @@ class LoadParameters(NodeSection):
         if assisted and self.inputs()[0].fields:
             return "knee.source: fields are not allowed; they give no effort of an assisted joint"
         needed, why = (3 if self.frame.ground else 1), "frame.ground"
+        if self.ground.components == "net":
+            return self.problem_of_sources(2, "ground.components net", (0, 2, 6))
         if self.ground.components == "full":
             needed, why = 6, "ground.components full"
         return self.problem_of_sources(needed, why)
@@ -189,6 +193,8 @@ class LoadParameters(NodeSection):
 
 def allowed_levels(parameters: LoadParameters) -> list[str]:
     """Names of the levels that the inputs allow, in increasing order of what they use."""
+    if parameters.ground.components == "net":
+        return ["net_load"]
     hip, ankle = bool(parameters.hip.joint_name), bool(parameters.ankle.joint_name)
     upright = parameters.ground.axes == "ground"
     allowed = ["ground_force"]

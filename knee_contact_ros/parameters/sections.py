@@ -134,13 +134,15 @@ class NodeSection(Section):
         """Return the first combination of values that is not allowed, as name and reason; empty if there is none."""
         raise NotImplementedError
 
-    def problem_of_sources(self, needed: int, why: str) -> str:
-        """Report a wrong number of fields. Forces need `needed` fields because of `why`."""
+    def problem_of_sources(
+        self, needed: int, why: str, counts: tuple[int, ...] = (0, 1, 3, 6)
+    ) -> str:
+        """Report a wrong number of fields. Forces need `needed` fields because of `why`, and one of `counts`."""
         joints, (first, second) = self.joints(), self.inputs()
         angles, forces = len(first.fields), len(second.fields)
         if angles not in (0, len(joints)):
             return f"knee.source: {angles} fields are not allowed; {', '.join(joints)} need {len(joints)}"
-        if forces not in (0, 1, 3, 6):
+        if forces not in counts and forces >= needed:
             return f"{self.force_source}: {forces} fields are not allowed; a number, a force's three, or a wrench's six"
         if 0 < forces < needed:
             return f"{self.force_source}: {forces} fields are not allowed; {why} needs {needed}"

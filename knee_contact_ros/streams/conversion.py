@@ -167,6 +167,8 @@ class Converter:
         up = (
             -1.0 if self._by == Parameters.force_source else 1.0
         )  # a load compresses, the ground pushes
+        if len(numbers) == 2:  # of a net load
+            numbers = [0.0, -numbers[0], 0.0, 0.0, 0.0, numbers[1]]
         x, y, z, *torque = numbers if len(numbers) > 1 else (0.0, up * numbers[0], 0.0)
         moments = (torque[0], torque[1], torque[2]) if torque else (0.0, 0.0, 0.0)
         return messages.encode_wrench_stamped(WrenchStamped(stamp, frame_id, (x, y, z), moments))

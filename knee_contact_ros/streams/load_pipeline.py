@@ -109,10 +109,12 @@ def ground_sample(
     Raises:
         RefusedSampleError: a component that is used is not finite or too large, or the stamp is not valid.
     """
-    full = parameters.components == "full"
-    components = (*message.force, *message.torque) if full else (message.force[1],)
+    components, what = {
+        "vertical": ((message.force[1],), "force.y"),
+        "full": ((*message.force, *message.torque), "force and torque"),
+        "net": ((message.force[1], message.torque[2]), "force.y and torque.z"),
+    }[parameters.components]
     if not all(map(math.isfinite, components)):
-        what = "force and torque" if full else "force.y"
         numbers = ", ".join(f"{number:g}" for number in components)
         raise RefusedSampleError("not_finite", f"{GROUND_REACTION_FORCE}: {what}: {numbers}")
     if max(map(abs, components)) > LARGEST_TORQUE:
@@ -131,8 +133,11 @@ def ground_of(
 ) -> Ground:
     """Ground force about the ankle in upright axes; `inclination` [rad] is the shank's (`inverse_dynamics`).
 
+    Of a net load it is the net wrench at the knee, its force on the thigh: up in compression; see `net_load_given`.
     A sensor that turns with the foot is assumed to be upright if the ankle is not measured.
     """
+    if parameters.components == "net":
+        return Ground((NOT_MEASURED, -wrench.force[1], NOT_MEASURED), wrench.torque)
     if parameters.components == "vertical":
         return Ground((0.0, wrench.force[1], 0.0), (NOT_MEASURED, NOT_MEASURED, NOT_MEASURED))
     (force_x, force_y, force_z), (about_x, about_y, about_z) = wrench.force, wrench.torque
@@ -202,7 +207,7 @@ class LoadPipeline(Pipeline[LoadAnswer]):
         self.level = parameters.chosen_level
         self._motion = MotionFilter(parameters.motion_window)
         self._estimator = Estimator(*_constants(parameters))
-        self.conventions = LegCheck(parameters.person.constants.weight)
+        self.conventions = _check_of(parameters)
         """Whether angles and ground force follow our conventions"""
 
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
@@ -250,7 +255,7 @@ class LoadPipeline(Pipeline[LoadAnswer]):
         ):  # the jump of the angles is no motion
             self._motion.forget_angles()
             self._estimator.forget_forces()
-            self.conventions = LegCheck(parameters.person.constants.weight)
+            self.conventions = _check_of(parameters)
         self.parameters, self.level = parameters, parameters.chosen_level
         self._estimator.configure(*_constants(parameters))
 
@@ -262,6 +267,11 @@ def encode_estimate(stamp: int, frame_id: str, estimate: LoadEstimateFields) -> 
         ValueError: the stamp is beyond what ROS can hold.
     """
     return header(stamp, frame_id) + ESTIMATE_STRUCT.pack(*estimate)
+
+
+def _check_of(parameters: LoadParameters) -> LegCheck:
+    """Return a check of conventions for what the parameters say is measured."""
+    return LegCheck(parameters.person.constants.weight, parameters.ground.components == "net")
 
 
 def _constants(parameters: LoadParameters) -> tuple[str, Person, bool, float]:

@@ -46,7 +46,7 @@ def unused_words(parameters: Parameters | LoadParameters) -> dict[str, str]:
         words = {f" of joint {joint!r}": "" for joint in parameters.joints().values()}
     if forces.fields:
         names = ["force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z"]
-        names = ["force.y"] if len(forces.fields) == 1 else names
+        names = {1: ["force.y"], 2: ["force.y", "torque.z"]}.get(len(forces.fields), names)
         words |= dict(zip(names, map(written, forces.fields), strict=False))
     return words
 

@@ -19,6 +19,8 @@ JOINT_STATES = "joint_states"
 JOINT_REACTION_FORCE = "joint_reaction_force"
 GROUND_REACTION_FORCE = "ground_reaction_force"
 """Force of the ground on the foot, from which, with the angles, the load node estimates the joint reaction force"""
+NET_LOAD = "net_load"
+"""Wrench of the thigh on the shank at the knee without muscles, which the load node takes in place of the ground's"""
 LOAD_ESTIMATE = "load_estimate"
 """Estimate of the joint reaction force with its level and uncertainty"""
 KNEE_CONTACT = "knee_contact"
@@ -37,6 +39,7 @@ MESSAGE_TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     JOINT_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
     GROUND_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
+    NET_LOAD: "geometry_msgs/msg/WrenchStamped",
     LOAD_ESTIMATE: "knee_contact_ros/msg/LoadEstimate",
     KNEE_CONTACT: "knee_contact_ros/msg/KneeContact",
     KNEE_CONTACT_LATERAL: "knee_contact_ros/msg/KneeContact",

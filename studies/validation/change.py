@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
-from studies.validation.data import Floats, Walk
+from studies.validation.data import SENSOR_LEVELS, Floats, Walk
 from studies.validation.total import DEFAULT, LEAST_CHANGE, axial, constants, fitted, peaks
 
 TORQUES = (-15.0, -10.0, 10.0, 15.0, 20.0)
@@ -48,7 +48,7 @@ def right(walks: Sequence[Walk]) -> dict[str, tuple[float, float, int, int]]:
         own = [walk for walk in walks if walk.person.name == name]
         others = [walk for walk in walks if walk.person.name != name]
         own_values = fitted(own, ["ankle_moment"])
-        values = fitted(others, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
+        values = fitted(others, SENSOR_LEVELS, DEFAULT.moment_arm_scale)
         for walk in own:
             truly, guessed = constants(walk, own_values), constants(walk, values)
             before = axial(walk, "ankle_moment", truly)

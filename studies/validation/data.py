@@ -78,6 +78,9 @@ STRIDE_COLUMNS = (
     "torque_z_Nm",
 )
 """Columns of the ground force and of its moment about the ankle in such a file"""
+NET_LOAD = "net_load"
+SENSOR_LEVELS = [level for level in LOAD_LEVELS if level != NET_LOAD]
+"""Levels at which constants are fitted: the net load would count the moment of `knee_moment` twice"""
 WALKING = "ngait"
 """Movement of plain level walking in the names of the files"""
 
@@ -202,7 +205,9 @@ def _stride(path: Path) -> Walk | None:
     nets = {
         name: [level.dynamics(leg, *each) for each in zip(joints, motions, grounds, strict=True)]
         for name, level in LOAD_LEVELS.items()
+        if name in SENSOR_LEVELS
     }
+    nets[NET_LOAD] = nets["knee_moment"]
     unknown = np.full(len(time), np.nan)
     return Walk(
         person,
@@ -278,6 +283,7 @@ def _walk(person: Person, session: str, path: Path) -> Walk:
         "knee_moment": [net._replace(plantarflexion=NOT_MEASURED) for net in moments],
         "ankle_moment": moments,
     }
+    nets[NET_LOAD] = nets["knee_moment"]
     spikes = (np.abs(extension) > KNEE_SPIKE * person.body_weight) | (
         np.abs(plantarflexion) > ANKLE_SPIKE * person.body_weight
     )

@@ -9,7 +9,7 @@ from statistics import fmean
 from benchmarks.report import Section, words
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, AxialDeviation
 from studies.validation.change import right
-from studies.validation.data import WALKING, Walk, level_walks, with_medial
+from studies.validation.data import SENSOR_LEVELS, WALKING, Walk, level_walks, with_medial
 from studies.validation.movements import scores
 from studies.validation.split import CALLED, missed, other_person, other_trial, shipped
 from studies.validation.total import (
@@ -86,7 +86,7 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
                 ]
             )
     late = clocks(walks)
-    together = fitted(on_time(walks, late), list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
+    together = fitted(on_time(walks, late), SENSOR_LEVELS, DEFAULT.moment_arm_scale)
     text = WORDS["total"].format(
         values=", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True)),
         late=", ".join(f"{key} {1000.0 * delay:+.0f} ms" for key, delay in late.items()),
@@ -111,7 +111,7 @@ def sensor_errors(found: Sequence[Estimate]) -> list[float]:
             for one in chosen(found, level, OTHERS)
             if one.walk.sensors
         )
-        for level in LOAD_LEVELS
+        for level in SENSOR_LEVELS
     ]
 
 

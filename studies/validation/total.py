@@ -18,7 +18,7 @@ from knee_contact_ros.joint_reaction.muscles import Person as Constants
 from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS, Stride, StrideLoads
 from knee_contact_ros.parameters.load_schema import PersonSection
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
-from studies.validation.data import SECOND, WALKING, Flags, Floats, Walk, of
+from studies.validation.data import SECOND, SENSOR_LEVELS, WALKING, Flags, Floats, Walk, of
 
 LANDING, MIDDLE = 0.1, 0.5
 """Parts of a stance: in the first one the force still falls from the heel strike's own peak, and has no peak"""
@@ -109,7 +109,7 @@ def clocks(walks: Sequence[Walk]) -> dict[str, float]:
                 ),
             )
             for walk in mine
-            for level in LOAD_LEVELS
+            for level in SENSOR_LEVELS
         ]
         errors = [
             fmean(
@@ -293,7 +293,7 @@ def estimates(walks: Sequence[Walk]) -> list[Estimate]:
     for name in dict.fromkeys(walk.person.name for walk in walks):
         others = [each for each in timed if each.person.name != name and each.movement == WALKING]
         loads = mean_loads(others)
-        values = fitted(others, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
+        values = fitted(others, SENSOR_LEVELS, DEFAULT.moment_arm_scale)
         for walk in of(list(walks), name):
             own = [
                 each

@@ -27,8 +27,17 @@ def stance(seed=None):
     return np.column_stack([flexion, thigh, ankle, forward, up, place * up + 0.08 * forward])
 
 
-def sentences(rows):
-    seen = LegCheck(WEIGHT)
+def net(rows):
+    """The same stance with the net moment of the knee as it is published, for torque z."""
+    part = np.linspace(0.02, 0.98, len(rows))
+    extends = 25.0 * np.sin(2.0 * np.pi * part) + 20.0 * np.sin(4.0 * np.pi * part - 0.6)
+    flexion = np.radians(5.0 + 14.0 * np.sin(np.pi * np.minimum(part / 0.5, 1.0)) ** 2)
+    flexion += np.radians(15.0) * np.clip((part - 0.7) / 0.3, 0.0, None) ** 2
+    return np.column_stack([flexion + 0.1 * rows[:, 0], *rows[:, 1:5].T, extends])
+
+
+def sentences(rows, is_net=False):
+    seen = LegCheck(WEIGHT, is_net)
     for flexion, hip, ankle, forward, up, moment in rows.tolist():
         seen.add_sample(
             Joints(flexion, hip, ankle), Ground((forward, up, 0.0), (0.0, 0.0, moment))
@@ -50,9 +59,15 @@ def test_another_convention_is_doubted(change, words):
     assert words in "; ".join(sentences(change(stance())))
 
 
+def test_a_turned_net_moment_is_doubted():
+    (said,) = sentences(net(stance()) * [1, 1, 1, 1, 1, -1], is_net=True)
+    assert "is it positive if they extend it" in said
+
+
 def test_two_thousand_persons_are_not_doubted():
     for seed in range(2000):
         rows = stance(seed)
         assert sentences(rows) == [], seed
+        assert sentences(net(rows), is_net=True) == [], seed
         rows[:, [1, 2, 5]] = np.nan  # an insole and an encoder
         assert sentences(rows) == [], seed

@@ -127,7 +127,8 @@ def test_what_each_level_looks_at(draw):
 
 
 @pytest.mark.parametrize(
-    ("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)]
+    ("level", "number"),
+    [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2), ("net_load", 3)],
 )
 def test_what_is_passed_through_and_how_far_it_is_trusted(level, number):
     weight, error = 75.0 * 9.80665, LOAD_LEVELS[level]
@@ -176,6 +177,7 @@ NO_HIP, NO_ANKLE, ALONE = (
         ("ankle_moment", FULL, TORQUE, set()),
         ("ankle_moment", NO_HIP, TORQUE, set()),
         ("ankle_moment", NO_ANKLE, TORQUE, set()),
+        ("net_load", ALONE, TORQUE, ANKLE),
     ],
 )
 def test_what_is_not_known_is_not_a_number(level, joints, torque, unknown):

@@ -1,5 +1,7 @@
 """A bag of a leg's sensors to joint reactions, offline: what is written, what goes on from there, what is refused."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,12 +21,23 @@ from knee_contact_ros.streams.load_pipeline import LoadPipeline
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES, types_of
+from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.commands import run
 from tests.helpers.offline import estimate_load, solve
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
+from tests.lab.opensim.storages import AXES, TIBIA, write_storage
 
+ROUNDING = 1e-6
+"""[N] what nanoseconds and one more muscle lag round"""
+NET_MAP = """
+time: {column: t}
+angle: {column: a, unit: rad}
+net_force: {column: f, unit: N}
+net_moment: {column: m, unit: N*m}
+body_weight: 737.07
+"""
 TYPES = types_of(LOAD_RECORDED)
 INPUTS = types_of(LOAD_INPUTS)
 REACTION, ESTIMATE = list(TYPES)[2:]
@@ -138,6 +151,65 @@ def test_the_estimate_can_be_solved(estimated, tmp_path):
         force > 3.0 * found.contact_force
     )  # by less an upper bound counts, or inertia and damping do
     np.testing.assert_allclose(by_hand[firm], found.penetration_depth[firm], rtol=0.15)
+
+
+def test_a_net_load_by_arrays_file_field_and_opensim(walking, tmp_path, monkeypatch):
+    """Moment and force of another level give its muscles, and so its force, if no floor follows the ground force."""
+    monkeypatch.chdir(tmp_path)
+    alone = {"person.co_contraction": 0.0, "person.expected_load": 0.0}
+    by_hand = {"hip.joint_name": "hip", "ground.components": "full"}
+    expected = knee_contact_ros.estimate_load(walking, by_hand, alone)
+    time, knee = 1e-9 * expected.stamp, expected.flexion_angle
+    force, moment = expected.resultant_force, expected.knee_moment
+    given = {"time": time, "knee": knee, "net_force": force, "net_moment": moment}
+
+    def close(found, within):
+        assert (found.level == 3).all()
+        np.testing.assert_allclose(found.axial_force, expected.axial_force, atol=within)
+
+    close(knee_contact_ros.estimate_load(given, values=alone), ROUNDING)
+
+    np.savetxt("net.csv", np.column_stack([*given.values()]), "%.9f", ",", header="t,a,f,m")
+    Path("map.yaml").write_text(NET_MAP)
+    assert run("import-csv net.csv --map map.yaml --output bag") == 0
+    close(knee_contact_ros.estimate_load("bag", "load/net_load", alone), 1e-3)
+
+    zero = np.zeros(len(time))
+    columns = dict(zip(AXES, [zero, -force, *[zero] * 3, moment, *[zero] * 3], strict=True))
+    named = {TIBIA.format("r") + axis: column for axis, column in columns.items()}
+    write_storage(Path("jr.sto"), time, named, "no")
+    write_storage(Path("q.sto"), time, {"knee_angle_r": knee}, "no")
+    opensim = "import-opensim --kinematics q.sto --reactions jr.sto --side right --rate 0"
+    assert run(f"{opensim} --angle-sign 1 --angle-unit rad --net --output walk") == 0
+    close(knee_contact_ros.estimate_load("walk", "load/net_load", alone), 1e-3)
+
+    fields = "geometry_msgs/WrenchStamped -wrench.force.y, wrench.torque.z"
+    source = {"ground.source": f"net_load {fields}", "ground.components": "net"}
+    close(knee_contact_ros.estimate_load("bag", source, alone), 1e-3)
+    with pytest.raises(UsageError, match=r"takes net_load"):
+        knee_contact_ros.estimate_load("bag")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("unit: N*m", "unit: N*m, scale: 0.001", "the largest net moment"),
+        ("unit: N}", "unit: kN}", "the peak of"),
+        ("unit: N*m", "unit: N*m, sign: -1", "is it positive if they extend it"),
+    ],
+)
+def test_an_unlikely_net_load_is_doubted(old, new, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(240) * 0.005
+    knee = 0.45 - 0.3 * np.cos(6.0 * time)
+    force = 700.0 * np.clip(np.sin(6.0 * time + 0.5), 0.0, None)
+    rows = np.column_stack([time, knee, force, 60.0 * knee])
+    np.savetxt("net.csv", rows, "%.6f", ",", header="t,a,f,m")
+    Path("map.yaml").write_text(NET_MAP)
+    assert run("import-csv net.csv --map map.yaml --output bag") == 0
+    Path("map.yaml").write_text(NET_MAP.replace(old, new))
+    assert run("import-csv net.csv --map map.yaml --output other") == 2
+    assert words in capsys.readouterr().err
 
 
 def test_contacts_of_a_doubtful_load_are_flagged(tmp_path):

@@ -400,6 +400,13 @@ def test_forces_that_need_more_numbers_are_refused():
             {"ground.source": one["load.source"], "ground.components": "full"}, LoadParameters
         )
 
+    with pytest.raises(
+        UsageError, match=r"ground.source: 1 fields are not allowed; ground.components net needs 2"
+    ):
+        load_parameters(
+            {"ground.source": one["load.source"], "ground.components": "net"}, LoadParameters
+        )
+
 
 def test_another_body_replaces_one_that_is_gone(tmp_path):
     """Two bodies at once: the first is followed, and the other one refused, until it is gone for pairing.max_gap."""

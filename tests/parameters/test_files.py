@@ -188,28 +188,28 @@ def load(values):
         (FULL | ON_FOOT | HIP, 1),  # where the foot stands, only the ankle tells
         (FULL | ON_FOOT | ANKLE, 3),
         (FULL | ON_FOOT | HIP | ANKLE, 3),
+        (HIP | ANKLE | {"ground.components": "net"}, 0),
     ],
 )
 def test_inputs_allow_levels_and_auto_is_the_last_of_them(inputs, allowed):
     parameters = load(inputs)
-    assert allowed_levels(parameters) == list(LOAD_LEVELS)[:allowed]
-    assert parameters.chosen_level == list(LOAD_LEVELS)[allowed - 1]
-    for number, level in enumerate(LOAD_LEVELS):
-        if number < allowed:
+    known = list(LOAD_LEVELS)[:allowed] or ["net_load"]
+    assert allowed_levels(parameters) == known
+    assert parameters.chosen_level == known[-1]
+    for level in LOAD_LEVELS:
+        if level in known:
             assert load(inputs | {"level": level}).chosen_level == level
             continue
         with pytest.raises(
             UsageError, match=f"^parameter level: '{level}' is not allowed; it needs ground"
         ) as caught:
             load(inputs | {"level": level})
-        assert str(caught.value).endswith(
-            f"These inputs allow {', '.join(list(LOAD_LEVELS)[:allowed])}"
-        )
+        assert str(caught.value).endswith(f"These inputs allow {', '.join(known)}")
 
 
 def test_shipped_files_load_and_name_their_level(config):
     names = {f"load/{path.stem}": path for path in shipped_parameter_files("load")}
-    assert set(names) == {"load/gait2354", "load/insole", "load/inverse_dynamics"}
+    assert set(names) == {"load/gait2354", "load/insole", "load/inverse_dynamics", "load/net_load"}
     for name, path in names.items():
         first, level = path.read_text().splitlines()[0], load(name).chosen_level
         assert first.startswith(f"# Level {level}: "), name
@@ -262,7 +262,7 @@ REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
     ],
 }
 OURS = r"\(healthy, .*osteoarthritis.*\)"
-LOAD = r"\(load/gait2354, load/insole, load/inverse_dynamics\)"
+LOAD = r"\(load/gait2354, load/insole, load/inverse_dynamics, load/net_load\)"
 NO_SOURCES: tuple[Any, ...] = ("", 3, [None])
 MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
     Parameters: [

@@ -15,7 +15,7 @@ from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS
 from knee_contact_ros.parameters.load_schema import PersonSection
 from studies.validation.__main__ import main
-from studies.validation.data import missed, near, runs, walks, with_medial
+from studies.validation.data import SENSOR_LEVELS, missed, near, runs, walks, with_medial
 from studies.validation.movements import CYCLES, scores
 from studies.validation.sections import COMMAND, TITLE, chosen, line_errors, sections
 from studies.validation.split import CALLED, other_person, shipped
@@ -83,7 +83,7 @@ def test_the_mean_of_sensors_and_curve_is_closer_than_either(measured, found):
 
 def test_the_defaults_are_those_of_all_persons(measured):
     timed = on_time(measured, clocks(measured))
-    together = fitted(timed, list(LOAD_LEVELS), DEFAULT.moment_arm_scale)
+    together = fitted(timed, SENSOR_LEVELS, DEFAULT.moment_arm_scale)
     assert [getattr(PersonSection(), name) for name in FREE] == pytest.approx(together, abs=0.01)
     for shipped_load, load in zip(MEASURED_LOADS, mean_loads(timed), strict=True):
         assert shipped_load == pytest.approx(load, abs=0.005)  # it has two decimals

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...streams.topics import NET_LOAD
 from ...system.errors import UsageError
 from ...system.files import require
 from ...system.output_files import work_folder
@@ -206,12 +207,13 @@ def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> 
     reaction, of_reaction = results.read_reaction(reactions, parts, side)
     notes += of_reaction
     names = " + ".join(each.column(f"({' '.join(results.AXES)})") for each in chosen)
+    kind = NET_LOAD if settings.net else "load"
     columns = {
         "angle": f"{column} of {files.kinematics.name}",
-        "load": f"{names} of {files.reactions.name}",
+        kind: f"{names} of {files.reactions.name}",
     }
     joints = {gait_bag.JOINT: [angle]}
-    wrenches = {"load": reaction}
+    wrenches = {kind: reaction}
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
         of_leg = legs.leg_joints(files.model, side, coordinate)
@@ -231,11 +233,20 @@ def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> 
     knee = TimeSeries("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
     checks.refuse(checks.impossible(knee, load, mapped=False))
     likely = [*kinematics.doubts, *reactions.doubts]
-    likely += checks.gait_doubts(knee, load, None, weight, results.MAX_GAP, mapped=False)
+    judged = None if settings.net else load
+    likely += checks.gait_doubts(knee, judged, None, weight, results.MAX_GAP, mapped=False)
+    if settings.net:
+        about = load._replace(columns=" + ".join(each.column("mz") for each in chosen))
+        moment = about._replace(values=force.values[:, 5])
+        likely += checks.net_doubts(load, moment, None, weight)
     checks.refuse(likely, settings.anyway)
     rate, gap = settings.rate, results.MAX_GAP
     gait = gait_bag.sampled(side, joints, wrenches, rate=rate, max_gap=gap, start=start, end=end)
-    doubts += [*likely, *checks.unusual(load, weight), *checks.convention_doubts(gait, weight)]
+    doubts += [
+        *likely,
+        *(checks.unusual(load, weight) if judged else []),
+        *checks.convention_doubts(gait, weight),
+    ]
     return gait._replace(columns=columns, notes=notes + gait.notes, doubts=doubts, weight=weight)
 
 

@@ -68,6 +68,8 @@ class ImportSettings(NamedTuple):
     """Whether to import what is likely a mistake"""
     body_weight: float | None = None
     """Body weight [N]; None: that of the model, if there is one"""
+    net: bool = False
+    """Whether the reactions are without muscle forces, for the load node"""
 
 
 class JointReaction(NamedTuple):
