@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from studies.validation.data import SENSOR_LEVELS, Floats, Walk
 from studies.validation.total import DEFAULT, LEAST_CHANGE, axial, constants, fitted, peaks
 
@@ -43,7 +42,7 @@ def assisted(walk: Walk, torque: Floats) -> Walk:
 
 def right(walks: Sequence[Walk]) -> dict[str, tuple[float, float, int, int]]:
     """Parts of the changes at first and second peaks whose sign is right, and how many were asked for, by level."""
-    found: dict[str, list[list[float]]] = {level: [[], []] for level in LOAD_LEVELS}
+    found: dict[str, list[list[float]]] = {level: [[], []] for level in SENSOR_LEVELS}
     for name in dict.fromkeys(walk.person.name for walk in walks):
         own = [walk for walk in walks if walk.person.name == name]
         others = [walk for walk in walks if walk.person.name != name]
@@ -52,13 +51,13 @@ def right(walks: Sequence[Walk]) -> dict[str, tuple[float, float, int, int]]:
         for walk in own:
             truly, guessed = constants(walk, own_values), constants(walk, values)
             before = axial(walk, "ankle_moment", truly)
-            alone = {level: peaks(walk, axial(walk, level, guessed)) for level in LOAD_LEVELS}
+            alone = {level: peaks(walk, axial(walk, level, guessed)) for level in SENSOR_LEVELS}
             for largest in TORQUES:
                 for timing in TIMINGS:
                     helped = assisted(walk, torque_of(walk, largest, timing))
                     changed = {
                         level: peaks(walk, axial(helped, level, guessed)) - alone[level]
-                        for level in LOAD_LEVELS
+                        for level in SENSOR_LEVELS
                     }
                     for habit in HABITS:
                         person = truly._replace(

@@ -119,7 +119,7 @@ def difference_section(found: Sequence[Estimate]) -> Section:
     """Section on differences between the strides of a person."""
     rows = []
     for how in (SENSORS, OTHERS):
-        for level in LOAD_LEVELS:
+        for level in SENSOR_LEVELS:
             signs = same_signs(chosen(found, level, how))
             told = [
                 f"{PERCENT * right / max(asked, 1):.0f} % of {asked}" for right, asked in signs
