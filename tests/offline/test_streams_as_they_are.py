@@ -158,7 +158,7 @@ def test_a_loop_has_a_run_for_each_round(gait, tmp_path, capsys):
         "the answers are of 3 runs: each begins at rest (TIME_RESET), where stamps went back"
         in err
     )
-    assert f"{3 * once} over {3 * 1.93:.2f} s in 3 runs" in out
+    assert f"{3 * once} in {3 * 1.93:.2f} s in 3 runs" in out
     rows = [line.split() for line in out.splitlines() if line.startswith(" peak")]
     assert [row[-1] for row in rows] == ["1"] * 4 + ["2"] * 4 + ["3"] * 4
     assert len({tuple(row[2:-1]) for row in rows}) == 4

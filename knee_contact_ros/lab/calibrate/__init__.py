@@ -60,7 +60,7 @@ class Calibration:
         >>> table["penetration_depth"] = measured.penetration_depth
         >>> found = calibrate(table, free=["contact.stiffness"], with_intervals=False)
         >>> load_model(found.to_parameters())
-        <KneeModel: circle on plane, hinge, contact law 7.906e+07 N/m^1.5, force drive>
+        <KneeModel: circle on plane, hinge, contact law 9e+07 N/m^1.5, force drive>
     """
 
     unknowns: tuple[Unknown, ...]

@@ -326,7 +326,7 @@ def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
         == 0
     )
     told = capsys.readouterr().out
-    for words in ("convex everywhere", "normals of -15° to 25°", "0.05 mm RMS"):
+    for words in ("convex everywhere", "normals of -15° to 25°", "by 0.050 mm (RMS)"):
         assert words in told
     depth = re.search(r"thickness: (\S+)", told)
     assert depth
