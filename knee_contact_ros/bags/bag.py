@@ -49,6 +49,7 @@ from .folder import (
     kind_of,
 )
 from .mcap_file import McapFile
+from .mcap_records import LARGEST_RECORD
 from .metadata_file import METADATA
 from .names import OWN_NAMES, Names, absolute
 from .sqlite_file import SqliteFile
@@ -136,6 +137,11 @@ class Bag:
         """
         file: BagFile = McapFile(path) if kind_of(path) == MCAP else SqliteFile(path)
         opened.callback(file.close)
+        if isinstance(file, McapFile) and file.unread_bytes > LARGEST_RECORD:
+            lost = f"{file.unread_bytes} bytes of it are no valid records"
+            raise UsageError(
+                f"cannot read bag {path}: {lost}; `knee-contact recover` takes the rest"
+            )
         self.files.append(file)
         self.metadata += [(record.name, record.metadata) for record in file.metadata]
         return file

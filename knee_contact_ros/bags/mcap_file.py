@@ -29,7 +29,7 @@ from .bag_file import BagFile, Batch, Channel, Chunk
 from .mcap_records import (
     ALLOWED_SIZE,
     HOLE,
-    LARGEST_RECORD,
+    LARGEST_CHUNK,
     FileRecord,
     RecordReader,
     parsed,
@@ -213,9 +213,9 @@ class McapFile(BagFile):
         """
         if (compression := chunk.compression or "") not in DECOMPRESSORS:
             raise DamagedError(f"has the unknown compression {compression!r}")
-        if chunk.uncompressed_size > LARGEST_RECORD:
+        if max(chunk.uncompressed_size, chunk.end - chunk.records_begin) > LARGEST_CHUNK:
             raise DamagedError(
-                f"holds more than {LARGEST_RECORD} bytes; another tool may write it again in smaller chunks"
+                f"holds more than {LARGEST_CHUNK} bytes; another tool may write it again in smaller chunks"
             )
         compressed = self._records.bytes_between(chunk.records_begin, chunk.end)
         stream = DECOMPRESSORS[compression](compressed)

@@ -21,6 +21,7 @@ from mcap.records import Attachment, ChunkIndex, Footer
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
+from ..system.portable import data_from
 from .bag_file import Chunk
 from .mcap_writer import RECORD_HEAD
 
@@ -40,7 +41,9 @@ CHUNK_OR_DATA_END = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f.\x00{7})")
 FOOTER_SIZE = 29
 """Size [B] of the footer record, by the specification"""
 LARGEST_RECORD = 2**30
-"""Largest size [B] of a record, and of the records in a chunk"""
+"""Largest size [B] of a record outside chunks"""
+LARGEST_CHUNK = 2**28
+"""Largest size [B] of the records in a chunk, compressed or not"""
 ALLOWED_SIZE = 2**26
 """Size [B] of a summary, and of the uncompressed chunks of a file, that is always read"""
 BYTES_AT_ONCE = 2**20
@@ -139,9 +142,11 @@ class RecordReader:
         return FileRecord(opcode, offset, end, content) if content else None
 
     def checksum_between(self, begin: int, end: int) -> int:
-        """Return the CRC-32 of the bytes between two offsets."""
+        """Return the CRC-32 of the bytes between two offsets; -1 if more are not stored than a record can have."""
         checksum = 0
         for position in range(begin, end, BYTES_AT_ONCE):
+            if data_from(self.file, position, end) - position > LARGEST_RECORD:
+                return -1
             data = self.bytes_between(position, min(position + BYTES_AT_ONCE, end))
             checksum = zlib.crc32(data, checksum)
         return checksum
@@ -230,7 +235,8 @@ class RecordReader:
         limit = self._next_chunk_after(offset)
         if offset < end < limit and self._may_begin_at(end):
             return FileRecord(HOLE, offset, end)
-        for begin in range(offset + 1, limit, BYTES_AT_ONCE):
+        begin = offset + 1 - BYTES_AT_ONCE
+        while (begin := data_from(self.file, begin + BYTES_AT_ONCE, limit)) < limit:
             data = self.bytes_between(begin, begin + BYTES_AT_ONCE + RECORD_HEAD.size)
             for candidate in CHUNK_OR_DATA_END.finditer(data):
                 place = begin + candidate.start()

@@ -181,7 +181,12 @@ class McapWriter(Writer):
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk that is being filled, and hand all written data to the operating system."""
+        """End the chunk that is being filled, and hand all written data to the operating system.
+
+        Raises:
+            OSError: Writing has failed, or another process has changed the size of the file.
+        """
+        self._check_size()
         super().flush()  # type: ignore[no-untyped-call]
 
     def _count_messages(self, channel: int, count: int, first: int, last: int) -> array[int]:
@@ -227,7 +232,8 @@ class McapWriter(Writer):
         return disk_usage(self.path.parent).free
 
     def complete(self) -> None:
-        """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
+        """Write the metadata of rosbag2 and the end of the file, and sync it to the disk; raises as `flush`."""
+        self._check_size()
         content = information([(self.path.name, self.statistics)], self.topics)
         self.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(content)})
         self.finish()  # type: ignore[no-untyped-call]
@@ -257,6 +263,12 @@ class McapWriter(Writer):
     def _close(self) -> None:
         with self._closing:
             self._file.close()
+
+    def _check_size(self) -> None:
+        """Check that the file ends where the writing goes on; raises OSError if not."""
+        descriptor = self._file.fileno()
+        if os.fstat(descriptor).st_size != os.lseek(descriptor, 0, os.SEEK_CUR):
+            raise OSError(errno.EIO, "another process has changed its size while it was written")
 
     def _check_presence(self) -> None:
         """Check that the open file still has its name.

@@ -3,6 +3,7 @@
 Other modules that need no ROS name nothing that one of these systems lacks. `processes.py` has signals and sockets.
 """
 
+import errno
 import os
 import shlex
 import shutil
@@ -15,6 +16,24 @@ READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY"
 """Flags of `os.open` for reading bytes; a pipe does not block"""
 sync_data = getattr(os, "fdatasync", os.fsync)
 """Sync the content of a file, given by its descriptor, to the disk"""
+
+
+def data_from(file: IO[bytes], offset: int, end: int) -> int:
+    """Offset [B] of the next data of an open file, from `offset` on; what a system has not stored is zeros.
+
+    `end` if no data follow, and `offset` on a system that does not say.
+    """
+    descriptor = file.fileno()
+    place = os.lseek(descriptor, 0, os.SEEK_CUR)
+    try:
+        return min(os.lseek(descriptor, offset, os.SEEK_DATA), end)
+    except OSError as error:
+        return end if error.errno == errno.ENXIO else offset
+    except AttributeError:
+        return offset
+    finally:
+        os.lseek(descriptor, place, os.SEEK_SET)
+
 
 if sys.platform == "win32":
     import msvcrt

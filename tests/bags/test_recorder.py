@@ -13,7 +13,12 @@ from mcap.stream_reader import StreamReader
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.leg import DrawnLeg
-from knee_contact_ros.bags.recorder import INTERRUPTION, FileLimits, check_recordable
+from knee_contact_ros.bags.recorder import (
+    INTERRUPTION,
+    BagWriter,
+    FileLimits,
+    check_recordable,
+)
 from knee_contact_ros.node.outputs import size_of
 from knee_contact_ros.offline.summary import refused_samples
 from knee_contact_ros.parameters.files import load_parameters
@@ -74,6 +79,21 @@ def test_a_recording_holds_what_solve_writes(started, right_bag, tmp_path):
 
 
 @needs_viewer
+@pytest.mark.parametrize("size", [1000, 100_000])
+def test_a_file_whose_size_another_process_changes_gets_no_final_name(tmp_path, size):
+    bag = BagWriter(tmp_path / "out.mcap")
+    bag.add_topic("/joint_states", TYPES["/joint_states"])
+    for written in (10**4, 1):
+        bag.write_message("/joint_states", 1, os.urandom(written))
+        bag.flush()
+    os.truncate(tmp_path / "out.mcap.partial", size)
+    bag.write_message("/joint_states", 1, b"more")
+    with pytest.raises(OSError, match="another process"):
+        bag.close()
+    assert not (tmp_path / "out.mcap").exists()
+    bag.discard()
+
+
 def test_a_full_disk_stops_the_recording_with_one_message(started, tmp_path):
     path = tmp_path / "out.mcap"
     recording, picture = (

@@ -14,6 +14,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.recover import RECOVERED, recover
 from knee_contact_ros.system.errors import UsageError
@@ -43,6 +44,21 @@ def content(path):
         for record in StreamReader(file, validate_crcs=True).records:
             found.setdefault(type(record).__name__, []).append(record)
     return found
+
+
+def test_a_hole_in_the_file_takes_no_time(tmp_path):
+    """Of 1 TiB that the disk has not stored; other commands name `recover`."""
+    path = tmp_path / "bag.mcap"
+    mcap(path, CompressionType.ZSTD)
+    whole = path.read_bytes()
+    with path.open("r+b") as file:
+        file.truncate(len(whole) // 2)
+        file.seek(2**40)
+        file.write(whole[len(whole) // 2 :])
+    assert recover(path, tmp_path / "out.mcap").unread_bytes > 2**39
+    assert len(list(raw_messages(tmp_path / "out.mcap"))) > 20
+    with pytest.raises(UsageError, match="takes the rest"):
+        Bag(path)
 
 
 def test_a_cut_off_recording_is_whole_again(cut, tmp_path):
