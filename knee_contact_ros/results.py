@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import difflib
-from collections.abc import Mapping
+import json
+from collections.abc import Collection, Mapping
 from html import escape
 from importlib import import_module
 from io import BytesIO, StringIO
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import __version__
 from .model.knee import KneeModel
 from .model.readouts import Readings
 from .model.types import (
@@ -180,6 +182,8 @@ class Results(Records):
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`.
 
+        Its own `attrs` have version and parameters, see `attributes`.
+
         Example:
             >>> from knee_contact_ros import load_model
             >>> knee = load_model()
@@ -191,10 +195,14 @@ class Results(Records):
         for name, values in columns(self).items():
             unit = unit_of(name)
             variables[name] = (TIME, values, {"units": unit} if unit else {})
-        return _library("xarray").Dataset(variables, coords={TIME: variables.pop(TIME)})
+        return _library("xarray").Dataset(
+            variables, coords={TIME: variables.pop(TIME)}, attrs=attributes(self.parameters)
+        )
 
     def to_parquet(self, path: str | PathLike[str]) -> None:
         """Write the columns of `to_polars` to a Parquet file; a file of the same name is replaced.
+
+        The file's metadata have units, version and parameters, see `attributes`.
 
         Raises:
             UsageError: the name of `path` does not end in .parquet.
@@ -211,7 +219,8 @@ class Results(Records):
         if not fspath(path).endswith(_PARQUET):
             reason = f"to_parquet writes Parquet files, whose names end in {_PARQUET}"
             raise UsageError(f"{fspath(path)}: {reason}")
-        self.to_polars().write_parquet(path)
+        table = self.to_polars()
+        table.write_parquet(path, metadata=attributes(self.parameters, table.columns))
 
     def plot(self) -> Any:
         """Draw flexion, load and contact force, depth, and the contact point over time.
@@ -287,10 +296,32 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
     return found
 
 
-def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
+def attributes(
+    parameters: Mapping[str, Any] | None, names: Collection[str] = (), package: str = ""
+) -> dict[str, str]:
+    """Return what a file of answers tells of itself: `package` with its version, and as JSON `parameters` and `units`.
+
+    Parameters that are not known are left out; `units` are those of columns.
+    """
+    about = {"package": package or f"knee_contact_ros {__version__}"}
+    if parameters is not None:
+        about["parameters"] = json.dumps(dict(parameters))
+    if names:
+        about["units"] = json.dumps({name: unit_of(name) for name in names if unit_of(name)})
+    return about
+
+
+def answer_table(
+    answers: Mapping[str, Rows],
+    suffix: str,
+    parameters: Mapping[str, Any] | None = None,
+    package: str = "",
+    with_units: bool = False,
+) -> bytes:
     """Return answers by topic as the bytes of a .csv or .parquet file: the `columns` that the message has.
 
-    Several topics follow each other; the first column then has their names.
+    Several topics follow each other; the first column then has their names. A Parquet file has the `attributes` of
+    parameters and package; names in the header of a CSV file end `with_units`, as `load [N]`.
     """
     parts = [columns(rows) for rows in answers.values()]
     names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *MESSAGE_FIELDS)]
@@ -302,18 +333,21 @@ def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
         import pyarrow.parquet
 
         file = BytesIO()
-        pyarrow.parquet.write_table(pyarrow.table(whole), file)
+        table = pyarrow.table(whole, metadata=attributes(parameters, [*whole], package))
+        pyarrow.parquet.write_table(table, file)
         return file.getvalue()
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(whole)
+    writer.writerow(
+        f"{name} [{unit_of(name)}]" if with_units and unit_of(name) else name for name in whole
+    )
     writer.writerows(zip(*(column.tolist() for column in whole.values()), strict=True))
     return text.getvalue().encode()
 
 
 def unit_of(name: str) -> str:
     """Return the SI unit of a column; empty if it has none."""
-    return "s" if name == TIME else "" if name == RUN else FIELDS[name].unit
+    return "s" if name == TIME else FIELDS[name].unit if name in FIELDS else ""
 
 
 def begin_of(first: int) -> int:

@@ -269,18 +269,23 @@ def view(
     metavar="NAME",
     help="Write the answers on this topic only. [default: all topics]",
 )
+@click.option(
+    "--units", is_flag=True, help="Write the units into the header of a .csv file: load [N]."
+)
 @json_option
-def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
+def table(bag: Path, output: Path, overwrite: bool, topic: str, units: bool) -> None:
     """Write the answers of a recording as a table.
 
     The table has one row for each answer, in SI units: time, run, and every number of the message. Each component of a
     vector has its own column. If there are several topics (knees, compartments), they follow each other and a column
-    names them. BAG is a recording, or the output of `solve`.
+    names them. A .parquet file also holds units, parameters and version. BAG is a recording, or the output of `solve`.
     """
     from ..bags.answers import answer_topics, read_answers
     from ..bags.bag import Bag
     from ..bags.folder import files_of
     from ..bags.names import absolute
+    from ..bags.provenance import read_provenance
+    from ..parameters.files import flat_parameters
     from ..results import answer_table
 
     check_not_input(output, files_of(bag))
@@ -294,7 +299,10 @@ def table(bag: Path, output: Path, overwrite: bool, topic: str) -> None:
         if output.suffix == ".parquet":
             require("tables", "pyarrow")
         answers = {name: read_answers(recording, name) for name in topics}
-    write_complete({output: answer_table(answers, output.suffix)})
+        known = read_provenance(recording)
+    given, package = (flat_parameters(known.parameters), known.package) if known else (None, "?")
+    content = answer_table(answers, output.suffix, given, package, with_units=units)
+    write_complete({output: content})
     if as_json():
         numbers = {name: len(rows) for name, rows in answers.items()}
         print_json(answers=numbers, files={"Table": output})

@@ -1,5 +1,6 @@
 """Outcomes of a knee in a gait: peaks, impulses, times and distances, from its answers."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from ..model.laws import ContactLaw
 from ..model.readouts import ContactPatch
 from ..model.types import NANOSECOND, ContactState, Floats, Rows, Status
+from ..parameters.files import known_parameters
 from ..streams.gait_events import GAP
 
 LATERAL_OUTCOME = "lateral_"
@@ -33,6 +35,15 @@ OUTCOMES = {
 }
 """SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md explains them. Pressure is
 the static force over the patch (readouts); integrals are by the trapezoidal rule, without pauses longer than `GAP`"""
+
+
+def units_of(names: Iterable[str]) -> dict[str, str]:
+    """Return the SI units of parameters and outcomes by name, of those that have one."""
+    known = {name: each.unit for name, each in known_parameters().items()} | OUTCOMES
+    units = {name: known.get(name.removeprefix(LATERAL_OUTCOME), "") for name in names}
+    return {name: unit for name, unit in units.items() if unit}
+
+
 OUTCOME_RECORD = np.dtype([(name, np.float64) for name in OUTCOMES])
 """Record of the outcomes of a run, with a field for each"""
 LARGEST_FIELDS = {

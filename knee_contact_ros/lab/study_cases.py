@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .. import __version__
 from ..bags.bag import Bag
 from ..bags.folder import bag_digest
 from ..bags.provenance import NOT_OF_THE_RESULT, model_digest
@@ -35,7 +36,7 @@ from .knees import (
     file_texts,
     idle_doubt,
 )
-from .outcomes import LATERAL_OUTCOME, OUTCOME_RECORD
+from .outcomes import LATERAL_OUTCOME, OUTCOME_RECORD, units_of
 from .recordings import read_recording, recorded_doubt
 from .shards import brief_reason, is_address
 from .study_file import Study
@@ -313,6 +314,8 @@ def _table(block: CaseBlock, knees: Knees, computed: Computed) -> pd.DataFrame:
     last = pd.DataFrame({"failed": computed.failed, "seconds": computed.seconds})
     table = pd.concat([pd.DataFrame(columns).astype(kinds), *outcomes, last], axis=1)
     table.attrs["varied"] = sorted(block.cases[0])
+    table.attrs["units"] = units_of(table)
+    table.attrs["package"] = f"knee_contact_ros {__version__}"
     return table
 
 

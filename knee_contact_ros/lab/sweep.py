@@ -25,7 +25,7 @@ from ..results import Records, missing_attribute
 from ..system.errors import UsageError
 from ..system.files import DEFAULT_PARAMETERS, expand_user
 from .knees import Knees, check_may_vary, compute, file_texts, idle_doubt
-from .outcomes import LATERAL_OUTCOME, OUTCOMES
+from .outcomes import LATERAL_OUTCOME, OUTCOMES, units_of
 from .recordings import read_recording, recorded_doubt, recording_from_arrays
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ class Cohort:
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.
 
-        Its `attrs["varied"]` are the names of the parameters that were varied, which are the first columns.
+        Its `attrs["varied"]` are the names of the parameters that were varied, which are the first columns, and
+        `attrs["units"]` the SI units of its columns.
         """
         import pandas as pd
 
@@ -83,6 +84,7 @@ class Cohort:
             columns |= {LATERAL_OUTCOME + name: self.lateral[name] for name in OUTCOMES}
         table = pd.DataFrame(columns | {"failed": self.failed})
         table.attrs["varied"] = list(self.values)
+        table.attrs["units"] = units_of(table)
         return table
 
 

@@ -1,5 +1,6 @@
 """What the commands print fits a terminal of 80 columns, no word of it broken; and `knee-contact table`."""
 
+import json
 import re
 import sys
 from collections.abc import Callable
@@ -124,7 +125,7 @@ def test_a_line_that_hangs_breaks_between_words_on_a_terminal():
 def test_a_table_has_every_number_of_every_answer(suffix, values, tmp_path):
     pandas = pytest.importorskip("pandas")
     if suffix == ".parquet":
-        pytest.importorskip("pyarrow")
+        parquet = pytest.importorskip("pyarrow.parquet")
     recording, output = tmp_path / "out.mcap", tmp_path / f"table{suffix}"
     solve(share_folder() / "bags" / "gait2354_right", values, output=recording)
     assert run(f"table {recording} --output {output}") == 0
@@ -140,6 +141,16 @@ def test_a_table_has_every_number_of_every_answer(suffix, values, tmp_path):
             assert np.array_equal(own[name], answers[name]), name
         assert np.allclose(own["time"], answers["stamp"] / 1e9, rtol=1e-15, atol=0.0)  # a rounding
     assert len(table) == 387 * (2 if values else 1)
+    if suffix == ".parquet":
+        about = parquet.read_schema(output).metadata
+        assert json.loads(about[b"units"])["load"] == "N"
+        assert json.loads(about[b"parameters"])["load.compartment"] == values.get(
+            "load.compartment", "fixed_share"
+        )
+    else:
+        assert run(f"table {recording} --output {output} --overwrite --units") == 0
+        names = output.read_text().partition("\n")[0].split(",")
+        assert {"time [s]", "run", "stamp [ns]", "load [N]", "contact_point_x [m]"} <= {*names}
 
 
 def test_a_table_that_exists_is_kept(tmp_path, capsys):

@@ -1,5 +1,6 @@
 """What a run's answers are in a notebook, and in other libraries."""
 
+import json
 import pickle
 import re
 import subprocess
@@ -156,6 +157,9 @@ def test_polars_and_parquet(results, tmp_path):
     assert_whole(table.columns[1:], table.__getitem__, results)
     results.to_parquet(tmp_path / "answers.parquet")
     assert polars.read_parquet(tmp_path / "answers.parquet").equals(table)
+    about = polars.read_parquet_metadata(tmp_path / "answers.parquet")
+    assert about["package"] == f"knee_contact_ros {knee_contact_ros.__version__}"
+    assert json.loads(about["units"])["contact_point_x"] == "m"
 
 
 def test_xarray_has_units(results):
@@ -165,6 +169,8 @@ def test_xarray_has_units(results):
     assert (data.time.values == results.time).all()
     units = {"time": "s", "load": "N", "contact_point_x": "m", "status": None}
     assert {name: data[name].attrs.get("units") for name in units} == units
+    about = knee_contact_ros.solve(ROOT / "bags" / "gait2354_right").to_xarray().attrs
+    assert json.loads(about["parameters"])["contact.damping"] == 5000.0
 
 
 def test_units_are_those_of_the_message():

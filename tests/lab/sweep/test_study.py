@@ -87,7 +87,9 @@ def test_the_table_is_that_of_single_runs_on_any_workers(right_bag, address, tmp
         assert row["peak_force"] == alone.contact_force.max()
         assert row["peak_depth"] == alone.penetration_depth.max()
         assert row["bag"] == str(right_bag)
-    assert pd.read_parquet(tmp_path / "ours").attrs == {"varied": sorted(GRID)}
+    about = pd.read_parquet(tmp_path / "ours").attrs
+    assert about["varied"] == sorted(GRID)
+    assert about["units"]["peak_depth"] == "m"
 
 
 def test_only_what_is_new_is_computed(right_bag, address, tmp_path):
