@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
+pytest.importorskip("numba", reason="needs the extra compile")
 
 from studies.honesty.cut import rows
 from tests.helpers.scenes import law, model
