@@ -157,7 +157,7 @@ WRONG = [
     ("darwin", "lab/knees.py", "import time", "import time; from os import sched_getaffinity"),
     ("win32", "system/portable.py", "FILES = False", "FILES = True"),
     ("win32", "commands/offline.py", "link_or_copy(file, folder / link)", "(folder / link).symlink_to(file)"),
-    ("win32", "commands/tables.py", '"samples refused"', '"samples refused \\u2192"'),
+    ("win32", "commands/tables.py", '"answers flagged"', '"answers flagged \\u2192"'),
 ]  # fmt: skip
 """System, file, text in it, what stands there instead: a POSIX import put back, an open file renamed, and the like"""
 
