@@ -11,7 +11,7 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -19,13 +19,16 @@ from statistics import mean, median
 from typing import Any, NamedTuple
 
 import click
+import numpy as np
 
+from benchmarks.latency.commits import candidate, name_of
 from benchmarks.latency.driver import (
     BARE,
     CANDIDATES,
     DISTRIBUTIONS,
     OURS,
     PARAMETERS,
+    Candidate,
     Driver,
     Figures,
     Run,
@@ -36,6 +39,7 @@ from benchmarks.latency.driver import (
     taken,
     usage,
 )
+from benchmarks.latency.surroundings import BESIDE, SURROUNDINGS, Surroundings, node_in
 from benchmarks.report import Section, machine, save, table
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.commands.demo import RECORDING, node_process
@@ -82,21 +86,25 @@ def milliseconds(time: float) -> str:
 
 
 def turns(
-    driver: Driver, work: Path, rounds: int, advance: OnProgress
+    driver: Driver,
+    work: Path,
+    rounds: int,
+    advance: OnProgress,
+    candidates: Mapping[str, Candidate] = CANDIDATES,
 ) -> Iterator[tuple[int, str, Child]]:
     """Run all candidates round after round, each time another one first: the round's number, name and process.
 
     Raises:
         UsageError: a node failed.
     """
-    names = list(CANDIDATES)
+    names = list(candidates)
     for number in range(rounds):
         for place in range(len(names)):
             advance(number * len(names) + place, rounds * len(names))
             name = names[(number + place) % len(names)]
-            with running(CANDIDATES[name], driver, work / "node") as node:
+            with running(candidates[name], driver, work / "node") as node:
                 yield number + 1, name, node
-            shutil.rmtree(work / "node")
+            shutil.rmtree(work / "node", ignore_errors=True)
 
 
 # Latency at a given rate.
@@ -113,6 +121,12 @@ HOW_TO_READ = (
     "CPU time per sample is that of the node's process, and behind the plus that of its child processes. Slip: how "
     "late the measuring process was in publishing, which is not part of the latency. Others: the share of the "
     "machine's processors that other processes took; with more than a few per cent, measure again."
+)
+
+
+SURROUNDED = (
+    "One run each. Busy processes use all processors. Further nodes get the same samples, and do the same work. The "
+    "scene is served without a viewer. CPU is that of the measured node's process, per sample."
 )
 
 
@@ -155,17 +169,63 @@ class Line(NamedTuple):
         return Figures(self.median_ms, self.p99_ms, self.p999_ms, self.max_ms)
 
 
+def measured(
+    driver: Driver, node: Child, number: int, name: str, rate: float, duration: float
+) -> Part:
+    """Run a candidate that is there in a round of a number."""
+    driver.run(rate, round(WARM_UP * rate))
+    before = usage(node.process.pid)
+    run = driver.run(rate, round(duration * rate))
+    return Part(number, name, run, taken(before, usage(node.process.pid)))
+
+
 def compare(
-    driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: OnProgress
+    driver: Driver,
+    work: Path,
+    rate: float,
+    duration: float,
+    rounds: int,
+    advance: OnProgress,
+    candidates: Mapping[str, Candidate],
 ) -> list[Part]:
     """Run all candidates at `rate` [Hz] for `duration` [s] per round."""
-    parts = []
-    for number, name, node in turns(driver, work, rounds, advance):
-        driver.run(rate, round(WARM_UP * rate))
-        before = usage(node.process.pid)
-        run = driver.run(rate, round(duration * rate))
-        parts.append(Part(number, name, run, taken(before, usage(node.process.pid))))
-    return parts
+    return [
+        measured(driver, node, number, name, rate, duration)
+        for number, name, node in turns(driver, work, rounds, advance, candidates)
+    ]
+
+
+def surround(
+    driver: Driver, work: Path, duration: float, advance: OnProgress
+) -> dict[Surroundings, list[Part]]:
+    """Run our node, with and without --realtime, and a bare one for `duration` [s] in each of the surroundings."""
+    found: dict[str, list[Part]] = {}
+    total = len(SURROUNDINGS) * len(BESIDE)
+    for place in SURROUNDINGS:
+        for name in BESIDE:
+            advance(sum(map(len, found.values())), total)
+            with node_in(place, name, driver, work / "node") as node:
+                part = measured(driver, node, 1, name, place.rate, duration)
+            found.setdefault(place.name, []).append(part)
+            shutil.rmtree(work / "node", ignore_errors=True)
+    return {place: found[place.name] for place in SURROUNDINGS}
+
+
+def surroundings_section(found: dict[Surroundings, list[Part]]) -> tuple[Section, list[Line]]:
+    """Table of the surroundings, and its rows for latency.csv."""
+    lines = [
+        line(parts, place.rate, part.candidate)._replace(
+            candidate=f"{place.name}: {part.candidate}"
+        )
+        for place, parts in found.items()
+        for part in parts
+    ]
+    rows = [
+        [each.candidate, *map(milliseconds, each.latency), str(each.lost), f"{each.cpu_us:.0f}"]
+        for each in lines
+    ]
+    header = ("latency [ms]", "median", "p99", "p99.9", "max", "lost", "CPU [us]")
+    return Section("Surroundings", SURROUNDED, header, rows), lines
 
 
 def line(parts: Sequence[Part], rate: float, name: str, number: int = 0) -> Line:
@@ -186,16 +246,22 @@ def line(parts: Sequence[Part], rate: float, name: str, number: int = 0) -> Line
     )
 
 
-def latency_page(parts: Sequence[Part], rate: float, duration: float) -> Page:
+def latency_page(
+    parts: Sequence[Part],
+    rate: float,
+    duration: float,
+    candidates: Mapping[str, Candidate],
+    surrounded: dict[Surroundings, list[Part]],
+) -> Page:
     """Page of the comparison; its data have a row per candidate and round, and one per candidate for all rounds."""
     rounds = sorted({part.round for part in parts})
     single = [
         line(parts, rate, name, number)
-        for name in CANDIDATES
+        for name in candidates
         for number in rounds
         if len(rounds) > 1
     ]
-    every = {name: line(parts, rate, name) for name in CANDIDATES}
+    every = {name: line(parts, rate, name) for name in candidates}
     shown = [
         [
             each.candidate,
@@ -224,13 +290,15 @@ def latency_page(parts: Sequence[Part], rate: float, duration: float) -> Page:
             "Candidates",
             "",
             ("candidate", "what it does"),
-            [[name, c.about] for name, c in CANDIDATES.items()],
+            [[name, c.about] for name, c in candidates.items()],
         ),
         Section("Latency", HOW_TO_READ, header, shown),
         ratios(single, every),
     )
+    table, more = surroundings_section(surrounded)
     introduction = LATENCY_INTRODUCTION.format(rate=rate, duration=duration)
-    return Page("Latency", introduction, sections, single + list(every.values()))
+    every_section = [*sections, table] if more else sections
+    return Page("Latency", introduction, every_section, [*single, *every.values(), *more])
 
 
 def ratios(single: Sequence[Line], every: dict[str, Line]) -> Section:
@@ -546,6 +614,22 @@ def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgr
     help="Turns of all candidates.",
 )
 @click.option(
+    "--against",
+    multiple=True,
+    metavar="COMMIT",
+    help="Also measure the node of another commit, in turns; its environment is made once, in build/commits.",
+)
+@click.option(
+    "--surroundings",
+    is_flag=True,
+    help="Also measure other rates, several nodes, a busy machine, a busy disk, a served scene, and --realtime.",
+)
+@click.option(
+    "--raw",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Also write all latencies [ns] to a file of NumPy (npz).",
+)
+@click.option(
     "--sustained",
     is_flag=True,
     help="Search the highest rate that each candidate sustains instead.",
@@ -558,10 +642,20 @@ def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgr
     help="Run the node alone for so many ticks at --rate instead: memory and recording.",
 )
 def main(
-    output: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int
+    output: Path,
+    rate: float,
+    duration: float,
+    rounds: int,
+    against: tuple[str, ...],
+    surroundings: bool,
+    raw: Path | None,
+    sustained: bool,
+    soak: int,
 ) -> None:
     """Measure, write a page and its data, and print its tables."""
     command = " ".join(["python -m benchmarks.latency", *sys.argv[1:]])
+    command += f"` at commit `{name_of('HEAD')}"
+    candidates = CANDIDATES | {f"this node, {commit}": candidate(commit) for commit in against}
     with work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         with joined(Driver) as driver, progress("Measuring") as advance:
@@ -570,9 +664,15 @@ def main(
             elif sustained:
                 page = sustained_page(find_rates(driver, work, rounds, advance))
             else:
-                page = latency_page(
-                    compare(driver, work, rate, duration, rounds, advance), rate, duration
-                )
+                parts = compare(driver, work, rate, duration, rounds, advance, candidates)
+                found = surround(driver, work, duration, advance) if surroundings else {}
+                page = latency_page(parts, rate, duration, candidates, found)
+                if raw:
+                    every = {f"{each.candidate}, round {each.round}": each for each in parts}
+                    for place, others in found.items():
+                        every |= {f"{place.name}: {each.candidate}": each for each in others}
+                    names = {name: each.run.latencies for name, each in every.items()}
+                    np.savez_compressed(raw, **names)  # type: ignore[arg-type]
         for path in write(page, work, command):
             replace(path, output / path.name)
             print(output / path.name)

@@ -31,7 +31,7 @@ from sensor_msgs.msg import JointState
 
 from benchmarks.gait import gait
 from benchmarks.latency import bare
-from knee_contact_ros.commands.demo import node_process
+from knee_contact_ros.commands.demo import node_process, ros_arguments
 from knee_contact_ros.parameters.schema import KneeSection, LoadSection
 from knee_contact_ros.streams import messages as cdr
 from knee_contact_ros.streams.topics import (
@@ -43,6 +43,7 @@ from knee_contact_ros.streams.topics import (
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import EXIT_PATIENCE, Child, child_process
+from knee_contact_ros.system.processes import running as run_process
 from knee_contact_ros.system.ros import FastestExecutor, make_executor
 from knee_contact_ros.view.output import find_viewer
 
@@ -208,7 +209,7 @@ class Driver:
     def __init__(self, node: Node, executor: Any, feed: Feed = Feed()) -> None:  # noqa: B008  (it cannot change)
         self._node = node
         self._executor = executor
-        self._feed = feed
+        self.feed = feed
         self._angle = node.create_publisher(JointState, JOINT_STATES, QOS)
         self._force = node.create_publisher(WrenchStamped, feed.force_topic, QOS)
         node.create_subscription(KneeContact, KNEE_CONTACT, self._on_contact, QOS, raw=True)
@@ -225,7 +226,7 @@ class Driver:
             UsageError: it does not answer in time.
         """
         deadline = time.monotonic() + START
-        while not (self._peers() == [*self._feed.peers] and self._knock()):
+        while not (self._peers() == [*self.feed.peers] and self._knock()):
             check()
             if time.monotonic() > deadline:
                 raise UsageError(f"the node did not answer within {START:g} s")
@@ -246,7 +247,7 @@ class Driver:
 
     def run(self, rate: float, number: int) -> Run:
         """Publish a number of samples at `rate` [Hz] and wait for their answers."""
-        coming = self._feed.samples(rate, self._stamp)
+        coming = self.feed.samples(rate, self._stamp)
         self._waiting = {}
         self._latencies = []
         next(coming)  # so that what is prepared once is
@@ -306,7 +307,7 @@ class Driver:
         """Publish one sample, and return whether it is answered."""
         self._waiting = {}
         self._latencies = []
-        self._publish_all(self._feed.samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
+        self._publish_all(self.feed.samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
         end = time.monotonic() + 2.0 * CHECK
         while not self._latencies and time.monotonic() < end:
             self._spin(CHECK)
@@ -370,9 +371,12 @@ class Candidate(NamedTuple):
     """Starts its process, with its files in a folder and a time [s] within which it must end"""
 
 
-def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager[Child]:
-    """Start a bare node of a kind of `bare`."""
-    return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
+def start_bare(
+    kind: str, work: Path, patience: float, remaps: Sequence[str] = ()
+) -> AbstractContextManager[Child]:
+    """Start a bare node of a kind of `bare`, with ROS arguments."""
+    arguments = ["-m", bare.__name__, kind, *remaps]
+    return child_process("the bare node", arguments, work / "bare.log", patience)
 
 
 @contextmanager
@@ -386,6 +390,28 @@ def start_ours(parameter_files: list[Path], work: Path, patience: float) -> Iter
     except UsageError:
         if not done or child.process.returncode != INCOMPLETE:
             raise
+
+
+@contextmanager
+def start_node(
+    command: Sequence[str],
+    files: Sequence[Path],
+    values: dict[str, str],
+    work: Path,
+    patience: float,
+    **options: Any,
+) -> Iterator[Child]:
+    """Start a node by a command with parameter files and values; it records, and draws unless values say how."""
+    paths = {"record.path": f'"{work / "knee.mcap"}"'}
+    if find_viewer() and "rerun.mode" not in values:
+        paths |= {"rerun.path": f'"{work / "knee.rrd"}"', "rerun.mode": '"file"'}
+    arguments = [*command, *ros_arguments(files, paths | values)]
+    log = work / "node.log"
+    with log.open("wb") as output, run_process(arguments, output, patience, **options) as process:
+        yield Child("the node", process, log)
+    deadline = time.monotonic() + patience
+    while list(work.glob("*.partial")) and time.monotonic() < deadline:
+        time.sleep(CHECK)
 
 
 OURS, BARE = "this node", "bare"
