@@ -305,8 +305,8 @@ class Timeline(Generic[S]):
                 self._note_long_step(step, usual)
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
-            # Sorting is left out while neither the new step nor the dropped one can be among the two longest.
-            if step >= usual or dropped >= usual or len(steps) <= 2:
+            # Sorting is left out where the second longest step stays: a new one of its length changes nothing.
+            if len(steps) <= 2 or step > usual or step < usual <= dropped:
                 self.step_limit = LONG_STEP * _usual_step(steps)
         self.last = stamp
 
