@@ -125,18 +125,36 @@ def propagated(
 
 
 @in_kernel
+def beside_delay(error: Error, rate: float, acceleration: float, relaxation: float) -> float:
+    """Return a bound of the error [m] that is no delay, for a depth with this rate [m/s] and a femur's acceleration.
+
+    A femur that is late has the errors of height and velocity that its velocity and acceleration give it, however many
+    flights and landings follow. Only what lies beside them, in the energy norm, changes the energy and the next flight.
+    """
+    size = math.sqrt(acceleration * acceleration + relaxation * relaxation * rate * rate)
+    if size == 0.0:
+        return height_bound(error, relaxation)
+    a, v = acceleration / size, rate / size
+    variance = a * a * error.hh + 2.0 * a * v * error.hv + v * v * error.vv
+    return EXPECTED_FACTOR * abs(
+        a * error.height + v * error.velocity
+    ) + SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
+
+
+@in_kernel
 def with_step_error(
-    error: Error, h: float, v: float, deviation: float, relaxation: float
+    error: Error, h: float, v: float, deviation: float, relaxation: float, beside: float
 ) -> Error:
     """Return the error after a step that adds its own estimated errors of height [m] and velocity [m/s].
 
-    `deviation` is the standard deviation of their size over the estimate; `relaxation` [1/s] as in `height_bound`.
+    `deviation` is the standard deviation of their size over the estimate; `relaxation` [1/s] as in `height_bound`, and
+    `beside` [m] as returned by `beside_delay`.
     """
     # The method knows how large its error is, but poorly in which direction of height and velocity it lies.
     square = relaxation * relaxation * h * h + v * v
-    spread = 0.5 * (relaxation * relaxation * max(error.hh, 0.0) + max(error.vv, 0.0))
-    added = CROSS_ERROR * CROSS_ERROR * square + 2.0 * CROSS_CORRELATION * math.sqrt(
-        square * spread
+    spread = relaxation * beside / SPREAD_FACTOR
+    added = (
+        CROSS_ERROR * CROSS_ERROR * square + 2.0 * CROSS_CORRELATION * math.sqrt(square) * spread
     )
     return Error(
         height=error.height + STEP_BIAS * h,
@@ -248,13 +266,22 @@ def force_bound(
 
 @in_kernel
 def with_curvature(
-    error: Error, depth: float, stiffness: float, damping: float, mass: float, h: float
+    error: Error,
+    beside: float,
+    depth: float,
+    stiffness: float,
+    damping: float,
+    mass: float,
+    h: float,
 ) -> Error:
-    """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m]."""
+    """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m].
+
+    `beside` [m] is as returned by `beside_delay`, as a delay stays one.
+    """
     if error.height * error.height + error.hh <= LINEAR_FRACTION * LINEAR_FRACTION * depth * depth:
         return error
     wrong = height_bound(error, math.inf)
-    push = CURVATURE_FACTOR * stiffness * wrong * min(1.0, wrong / max(depth, TINY))
+    push = CURVATURE_FACTOR * stiffness * min(wrong, beside) * min(1.0, wrong / max(depth, TINY))
     height, velocity = response(push, stiffness, damping, mass, h)
     return with_independent_bound(error, height, velocity)
 
@@ -289,4 +316,4 @@ def saltation(
     # A boundary that is only grazed could be met at any time: the delay is limited to the interval.
     slowest = max(abs(rate), (height_bound(error, math.inf) + abs(off)) / longest, TINY)
     late = math.copysign(jump / (mass * slowest), -jump * rate)
-    return with_bound(mapped(error, 1.0, 0.0, late, 1.0), 0.0, abs(off * late))
+    return with_independent_bound(mapped(error, 1.0, 0.0, late, 1.0), 0.0, abs(off * late))

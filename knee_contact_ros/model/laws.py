@@ -77,7 +77,7 @@ class Layer(NamedTuple):
 BEGIN = Layer._fields.index("begin")
 _BASE = Layer._fields.index("base")
 _STIFFNESS = Layer._fields.index("stiffness")
-_EXPONENT = Layer._fields.index("exponent")
+EXPONENT = Layer._fields.index("exponent")
 DAMPING = Layer._fields.index("damping")
 _LOSS = Layer._fields.index("loss")
 _LEAST_SPEED = Layer._fields.index("least_impact_speed")
@@ -97,7 +97,7 @@ def force_at(
     elastic = 0.0
     slope = 0.0
     if depth_in_layer > 0.0:
-        exponent = float(law[layer, _EXPONENT])
+        exponent = float(law[layer, EXPONENT])
         depth_in_layer = min(depth_in_layer, _MAX_DEPTH)
         # The usual exponent takes a square root, which is faster than a power.
         root = exponent == 1.5

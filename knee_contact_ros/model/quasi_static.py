@@ -214,4 +214,6 @@ def static_deviation(
         # The surfaces come apart meanwhile, and touch again at an unknown time.
         unknown += swing
     way, speed = response(spring * unknown, spring, dashpot, mass, h)
-    return with_curvature(with_bound(moved, way, speed), in_layer, spring, dashpot, mass, h)
+    return with_curvature(
+        with_bound(moved, way, speed), math.inf, in_layer, spring, dashpot, mass, h
+    )

@@ -34,8 +34,9 @@ from .contact import (
 from .error_estimate import (
     EXPLICIT_DEVIATION,
     IMPLICIT_DEVIATION,
-    SPREAD_FACTOR,
+    TINY,
     Error,
+    beside_delay,
     eigenvalues,
     force_bound,
     height_bound,
@@ -57,7 +58,7 @@ from .events import (
     smooth_stretch,
     touch_delay,
 )
-from .laws import APART, BEGIN, DAMPING, force_at, layer_at
+from .laws import APART, BEGIN, DAMPING, EXPONENT, force_at, layer_at
 from .step_control import error_ratio, unresolved_motion
 from .steps import (
     MAX_EXPLICIT_STEP,
@@ -80,9 +81,6 @@ LEAST_ERROR_RATIO = 1e-4
 LOST_OSCILLATION_FACTOR = 1.75
 """Largest speed of an oscillation that a step has damped away, over its estimate, which takes springs as linear.
 Tuned; `studies.honesty scenes` would notice: 0.2 % fewer of the ticks are flagged without it."""
-RELEASE_VELOCITY_DOUBT = 0.05
-"""Unknown part of the velocity's error where the surfaces part, as the end of an oscillation depends on its size.
-Tuned; no study would notice."""
 FLIGHT_SAFETY_FACTOR = 1.25
 """Safety factor on the published error of a flight, which comes from one velocity and not from many steps. Tuned;
 `studies.honesty scenes` would notice: 0.3 % fewer of the ticks are flagged without it."""
@@ -300,16 +298,23 @@ def error_after_step(
         return with_independent_bound(flown, step.height_error, 0.0)
     mass, k, c = mode.knee.mass, step.stiffness, step.damping
     relaxation = relaxation_rate(k, c, mass)
-    error = propagated(error, begin.stage.stiffness, k, step.end.stiffness, c, mass, h)
+    begin_k, end_k = begin.stage.stiffness, step.end.stiffness
+    if mode.knee.law[mode.layer, EXPONENT] == 1.0:
+        begin_k = end_k = (
+            k  # on the edge of a linear layer the stiffness may be the 0 of the other side
+        )
+    error = propagated(error, begin_k, k, end_k, c, mass, h)
+    beside = beside_delay(error, step.end.rate, step.end.acceleration, relaxation)
     error = with_step_error(
         error,
         factor * step.height_error,
         factor * step.velocity_error,
         IMPLICIT_DEVIATION if step.implicit else EXPLICIT_DEVIATION,
         relaxation,
+        beside,
     )
     in_layer = max(begin.stage.depth, step.end.depth) - float(mode.knee.law[mode.layer, BEGIN])
-    error = with_curvature(error, in_layer, k, c, mass, h)
+    error = with_curvature(error, beside, in_layer, k, c, mass, h)
     if step.implicit:
         crept, swung = unresolved_motion(mode, begin, step, h)
         if crept + swung > 0.0:
@@ -324,7 +329,7 @@ def with_impact_doubt(
     mode: Mode, begin: Motion, step: Step, stage: Stage, h: float, error: Error, touch: Touch
 ) -> tuple[Error, Touch]:
     """Return error and touch after a step, for a law of restitution: its force depends on the impact speed."""
-    one, mass = begin.stage, mode.knee.mass
+    one = begin.stage
     if one.rate < 0.0 < stage.rate:
         # The exact surfaces may have parted and met again meanwhile, which would be another impact. The depth is convex
         # between the two ends, so it is no less than where their tangents meet.
@@ -335,8 +340,8 @@ def with_impact_doubt(
             touch = Touch(touch.speed, max(touch.error, again), touch.latest, touch.landing_rate)
     if touch.error > 0.0:
         doubt = max(impact_doubt(mode, one, touch.error), impact_doubt(mode, stage, touch.error))
-        relaxation = relaxation_rate(step.stiffness, step.damping, mass)
-        error = with_bound(error, 0.0, doubt / (mass * max(relaxation, 1.0 / h)))
+        height, velocity = response(doubt, step.stiffness, step.damping, mode.knee.mass, h)
+        error = with_independent_bound(error, height, velocity)
     return error, touch
 
 
@@ -360,8 +365,11 @@ def cross(
     impact_speed, layer = mode.impact_speed, mode.layer
     if layer == APART:
         delay = touch_delay(tick, error, motion.time, stage.rate, knee.mass)
-        # A femur that comes later has been sped up or slowed down by the load meanwhile.
-        doubt = velocity_bound(error) + abs(load_at(tick, motion.time)) / knee.mass * delay
+        # A femur that comes later has been sped up or slowed down by the load meanwhile, by what its velocity is off
+        # now if it is merely late.
+        most = velocity_bound(error) + abs(stage.acceleration) * delay
+        late = stage.acceleration / max(abs(stage.rate), TINY)
+        doubt = min(most, velocity_bound(mapped(error, 1.0, 0.0, late, 1.0)))
         touch = Touch(stage.rate, doubt, motion.time + delay, stage.rate)
         impact_speed = stage.rate
     if boundary == FORCE_ZERO:
@@ -376,9 +384,6 @@ def cross(
     # What a femur that is late or early misses is the jump of the force, not the force (saltation).
     jump = (motion.stage.force if mode.pressing else 0.0) - exerted
     error = saltation(error, motion.stage.rate, jump, off, knee.mass, tick.duration)
-    if layer == APART:
-        doubt = RELEASE_VELOCITY_DOUBT * velocity_bound(error) / SPREAD_FACTOR
-        error = Error(error.height, error.velocity, error.hh, error.hv, error.vv + doubt * doubt)
     return mode, motion, limited(error), touch
 
 
@@ -389,6 +394,8 @@ def result_at(
     """Return the contact at the end of the interval, or where the tick was given up after `used` evaluations."""
     knee, tick, stage, error = mode.knee, mode.tick, motion.stage, limited(error)
     law, layer = knee.law, mode.layer
+    # What is added from here on belongs to this answer, and not to the state of the run.
+    femur = FemurState(motion.height, motion.velocity, error, try_step, touch.speed, touch.error)
     if touch.latest > tick.duration:
         # The exact femur may touch only after the end of the tick: then it is still as fast as it was in flight.
         way = (touch.latest - tick.duration) * touch.landing_rate + max(stage.depth, 0.0)
@@ -400,8 +407,6 @@ def result_at(
         if knee.remembers_impact and touch.error > 0.0:
             doubt = impact_doubt(mode, stage, touch.error)
             used += 2
-            height, velocity = response(doubt, k, c, knee.mass, tick.duration)
-            error = with_bound(error, height, velocity)
         relaxation = relaxation_rate(k, c, knee.mass)
         estimate = height_bound(error, relaxation)
         # Within the estimate the exact contact may be in the layer beside this one, which has another dashpot.
@@ -414,6 +419,5 @@ def result_at(
         left_out = abs(dashpot_change * stage.rate)
         force_estimate = force_bound(error, k, c, left_out, relaxation) / stage.cosine + doubt
         force = stage.force if knee.allow_tension else max(stage.force, 0.0)
-    femur = FemurState(motion.height, motion.velocity, error, try_step, touch.speed, touch.error)
     converged = motion.time >= tick.duration and abs(motion.height) < math.inf
     return Result(femur, stage, force, estimate, force_estimate, used, converged)

@@ -107,6 +107,7 @@ def test_lift_offs_and_landings_are_covered(seed, level, tolerance):
             "quasi_static",
             1e-5,
         ),  # a dashpot that lets go late, into a layer that has none
+        (8203000025, "dynamic", 1e-8),  # a linear layer has its stiffness also on its very edge
     ],
 )
 def test_what_was_said_right_and_wrong_is_not_any_more(seed, level, tolerance):
@@ -242,6 +243,14 @@ def test_a_running_arthritic_knee_is_not_lost():
     assert found.apart.mean() > 0.5
     assert covered(found) > 0.98
     assert found.said_right.mean() >= 0.95
+
+
+def test_a_knee_that_bounces_is_known_until_it_rests():
+    """A delay grows from flight to flight, but changes no energy, so that nothing is lost."""
+    run = next(one for one in long_runs.long_runs() if "e = 0.97" in one.name)
+    found = answered(long_runs.scene_of(run, 0.0, 7), "dynamic", 1e-6)
+    assert covered(found) == 1.0
+    assert found.said_right.all()
 
 
 @pytest.mark.parametrize(
