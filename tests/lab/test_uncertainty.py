@@ -92,6 +92,7 @@ def test_numbers_and_percents(tmp_path):
             "ten",
             "contact.stiffness: 'ten' is not allowed; a number > 0",
         ),
+        (HEALTHY, "contact.stiffness", 0.2, "is only 2.5e-07 % of 7.90569e+07; write '20 %' for"),
         (
             HEALTHY,
             "contact.stiffness",
