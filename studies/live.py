@@ -54,6 +54,8 @@ PATIENCE = 20.0
 """Time [s] after which a command that does not end is stopped"""
 STATUS = byte_offset("status")
 """Place of the status among the bytes of an answer"""
+LEAST = 0.005
+"""Time [s] by which a clock may be set unseen"""
 LONGEST = 10.0
 """Longest time [s] of a refusal, Python's start and a busy machine included"""
 
@@ -157,7 +159,7 @@ def streams(dice: random.Random) -> str:
 
 
 def clock(dice: random.Random) -> str:
-    """A clock that is wrong for good: beyond `pairing.max_gap` and an interval flagged after a second, below it never.
+    """A clock that is set for good: flagged after a second, unless it is by less than four intervals or 5 ms.
 
     Which sample of an interval came first is no part of the streams, so they lie apart by up to an interval less.
     """
@@ -181,9 +183,8 @@ def clock(dice: random.Random) -> str:
         )
         found += [answer.rows[0][STATUS] for answer in answers if i > (2.5 + abs(away)) * rate]
     flagged = sum(bool(status & Status.STALE_INPUT) for status in found)
-    wrong = (abs(away) > gap + 1.0 / rate and flagged < len(found)) or (
-        0.0 <= away < gap and flagged > 0  # a clock that is set back leaves refused samples
-    )
+    is_set = abs(away) > LEAST + 4.0 / rate and abs(abs(away) - gap) > 1.0 / rate
+    wrong = flagged < len(found) if is_set else abs(away) < LEAST and flagged > 0
     told = f"{away:.3f} s apart, max_gap {gap:.3f} s, {rate} Hz: {flagged} of {len(found)} flagged"
     return told if wrong or not found else ""
 

@@ -281,11 +281,10 @@ class Health:
         values["angles not recorded"] = str(paired.unrecorded_angles)
         if paired.lead is not None:
             values["force ahead of angle [s]"] = f"{lead:.3f}"
-        if paired.leads:
-            usual = float(np.median(paired.leads)) / NANOSECONDS
+        if leads := paired.clock_sets.leads:
+            usual = float(np.median(leads)) / NANOSECONDS
             name = "force ahead of angle, median [s]"
             values[name] = f"{usual:.4f}"
-            paired.leads = []
         problems = []
         lost = self.increase("unrecorded", paired.unrecorded_angles)
         if lost:
@@ -309,14 +308,14 @@ class Health:
         return "pairing", values, (ERROR if lost else level, text)
 
     def _clock_problems(self, missing: dict[str, int]) -> list[str]:
-        """Sentences about a clock that was set back, and about `missing` samples, by their topic."""
+        """Sentences about a clock that was set, and about `missing` samples, by their topic."""
         paired, problems = self._pipeline.synchroniser, list[str]()
-        angles, forces = self._pipeline.sources.values()
-        if paired.set_apart:
-            topic = angles if paired.set_apart > 0 else forces
+        if apart := paired.clock_sets.apart / NANOSECONDS:
+            angles, forces = self._pipeline.sources.values()
+            ahead, behind = (forces, angles) if apart > 0 else (angles, forces)
             problems.append(
-                f"the clock of {topic} was set back by {abs(paired.set_apart):.3f} s, and the other's was not: the "
-                "answers are flagged (STALE_INPUT); ~/reset once the clocks agree"
+                f"stamps of {ahead} have moved {abs(apart):.3f} s ahead of those of {behind}: was a clock set? The "
+                "answers are flagged (STALE_INPUT) until it is set right, or ~/reset"
             )
         for topic, number in missing.items():
             if lost_now := self.increase(f"missing {topic}", number):

@@ -184,14 +184,16 @@ def answer_block(
     if max(len(all_states), len(all_forces)) > pairing.queue:
         return None
     samples = _samples(pipeline, all_states, all_forces, is_unpaired)
-    if samples is None or _clocks_differ(before, samples, streams, max_gap):
+    if samples is None:
         return None
+    turned, leads, farthest = _leads(before, samples, streams)
     new_angles = slice(-len(states), None)
     new_loads = slice(-len(forces), None)
     angle_steps = _steps(before.angle_time, samples.stamps[new_angles])
     load_steps = _steps(before.load_time, samples.wrenches.stamps[new_loads])
     if not (
-        _all_continue(angle_steps, len(before.angle_time.steps), max_gap)
+        farthest <= max_gap
+        and _all_continue(angle_steps, len(before.angle_time.steps), max_gap)
         and _all_continue(load_steps, len(before.load_time.steps), max_gap)
     ):
         return None
@@ -209,26 +211,27 @@ def answer_block(
     before.angle_time.resume(int(samples.stamps[-1]), angle_steps[-STEPS:].tolist())
     before.load_time.resume(int(samples.wrenches.stamps[-1]), load_steps[-STEPS:].tolist())
     _resume(before, samples, pairs)
+    before.clock_sets.add_leads(turned.tolist(), leads.tolist())
+    before.load_came_last = bool(streams[-1])
+    before.newest_angle = int(samples.states.stamps[-1])
     return BlockAnswers(block, samples, pairs)
 
 
-def _clocks_differ(
-    before: Synchroniser, samples: _Samples, streams: Indices, max_gap: int
-) -> bool:
-    """Return whether stamps differ from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
+def _leads(
+    before: Synchroniser, samples: _Samples, streams: Indices
+) -> tuple[Stamps, Stamps, int]:
+    """Return stamps of loads after an angle, their leads over it, and the largest lead of either stream [ns]."""
     is_load = streams == 1
     loads = int(np.count_nonzero(is_load))
     stamps = np.empty(len(streams), np.int64)
     stamps[is_load] = samples.wrenches.stamps[len(samples.wrenches.stamps) - loads :]
     stamps[~is_load] = samples.states.stamps[len(samples.states.stamps) + loads - len(streams) :]
-    last = before.load_time.last
-    if is_load[0]:
-        last = before.angle_time.last
-        if last is not None:
-            last += before.angle_delay
-    turns = np.diff(is_load, prepend=not is_load[0])
-    steps = np.diff(stamps, prepend=stamps[0] if last is None else last)
-    return bool((turns & (np.abs(steps) > max_gap)).any())
+    last = before.newest_angle if is_load[0] else before.load_time.last
+    turns = np.diff(is_load, prepend=before.load_came_last)
+    turns[0] &= last is not None
+    steps = np.diff(stamps, prepend=last or 0)
+    of_load = turns & is_load
+    return stamps[of_load], steps[of_load], int(np.abs(steps[turns]).max(initial=0))
 
 
 def _with_waiting(

@@ -289,6 +289,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
             ValueError: the state is not one of this pipeline.
         """
         self.frame.is_known = True
+        self.synchroniser.ignore_clock_sets()
         self.is_lost = ticks_before > 0 and state is None
         if state is None or ticks_before == 0:
             return

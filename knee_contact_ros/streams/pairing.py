@@ -12,13 +12,8 @@ from typing import NamedTuple
 
 from ..model.types import Status
 from ..parameters.sections import PairingSection
-from .timeline import (
-    LONG_STEP,
-    AngleSample,
-    LoadSample,
-    Refusals,
-    Timeline,
-)
+from .clock_sets import ClockSets
+from .timeline import LONG_STEP, AngleSample, LoadSample, Refusals, Timeline
 from .topics import NANOSECONDS
 
 # Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
@@ -31,8 +26,6 @@ INPUT_REJECTED = int(Status.INPUT_REJECTED)
 DIFFERING_TIME = NANOSECONDS
 """Time [ns] for which the stamps of both streams must differ before answers are flagged. Tuned; with less, bursts of
 one stream would count (tests/streams/test_pairing.py)."""
-MAX_LEADS = 10_000
-"""Largest number of `leads` kept"""
 
 
 class PairedSample(NamedTuple):
@@ -77,7 +70,10 @@ class Synchroniser:
         self.load_time: Timeline[LoadSample] = Timeline(
             self._max_gap, self._queue, self.refused, "load"
         )
-        self.angle_time.on_set_back = self.load_time.on_set_back = self._compare_set_back
+        self.clock_sets = ClockSets(self._max_gap, self._flag_apart)
+        """Whether the clock of one stream was set by less than `pairing.max_gap`"""
+        for time in (self.angle_time, self.load_time):
+            time.on_doubt, time.on_settled = self._note_doubt, self.clock_sets.judge
         self.unrecorded_angles = 0
         """Number of angles in no pair, because more than `pairing.queue` came between two loads"""
         self.waiting_loads: deque[LoadSample] = deque()
@@ -97,9 +93,10 @@ class Synchroniser:
         self._lasting: dict[str, int] = {}
         self.clocks_differ = False
         """Whether the stamps of both streams differ by more than `pairing.max_gap`, although both come in turns"""
-        self.leads: list[int] = []
-        """Stamps of loads minus those of angles [ns], as they came in turns since the last report"""
-        self._load_came_last = False
+        self.newest_angle: int | None = None
+        """Stamp [ns] of the message with the newest angle, whether it is accepted or not"""
+        self.load_came_last = False
+        """Whether the newest message had a load"""
         self._differing_since: int | None = None  # stamp of a load
         self._has_paired = False  # later loads before all angles are due to the clocks
         self._flags = STATUS_OK
@@ -127,8 +124,9 @@ class Synchroniser:
     def is_steady(self) -> bool:
         """Whether nothing unusual has happened since the last pair; `resume` is allowed only then."""
         is_unusual = self._flags or self.lasting or self.refused.is_new or self._earlier_angles
-        is_held_back = self.angle_time.held_back or self.load_time.held_back
-        return not (is_unusual or is_held_back or self._differing_since is not None)
+        is_doubtful = self.angle_time.is_doubtful or self.load_time.is_doubtful
+        is_doubtful = is_doubtful or self.clock_sets.due > 0 or self._differing_since is not None
+        return not (is_unusual or is_doubtful)
 
     def resume(
         self,
@@ -170,6 +168,12 @@ class Synchroniser:
         self._last_load = None
         self._differing_since = None
         self._set_clocks_differ(False)
+        self.clock_sets.clear()
+        self.newest_angle = None
+
+    def ignore_clock_sets(self) -> None:
+        """Judge no leads, as the samples do not come as they arrived."""
+        self.angle_time.on_settled = self.load_time.on_settled = lambda _: None
 
     def clear_angles(self) -> None:
         """Stop using earlier angles; to be called after `clear_streams` if the streams are interrupted."""
@@ -180,7 +184,8 @@ class Synchroniser:
 
     def push_angle(self, sample: AngleSample) -> Pairs:
         """Take an angle; return the pairs that it makes possible."""
-        self._compare_clocks(sample.message_stamp, of_load=False)
+        self.newest_angle = sample.message_stamp
+        self._compare_clocks(self.newest_angle, of_load=False)
         jumps = self.angle_time.jumps
         accepted = self.angle_time.push_sample(sample, self.load_time)
         if not self.load_time.held_back:
@@ -237,9 +242,9 @@ class Synchroniser:
         If streams come in turns for a second and differ all that time, their clocks differ or one has a latency. With
         bursts this does not happen, as their last samples are at the other stream's time.
         """
-        if of_load == self._load_came_last:
+        if of_load == self.load_came_last:
             return
-        self._load_came_last = of_load
+        self.load_came_last = of_load
         last = self.angle_time.last if of_load else self.load_time.last
         if last is None:
             return
@@ -253,19 +258,16 @@ class Synchroniser:
         elif of_load and self._differing_since is not None:
             differ = stamp - self._differing_since >= DIFFERING_TIME
             self._set_clocks_differ(differ or self.clocks_differ)
-        if of_load and len(self.leads) < MAX_LEADS:
-            self.leads.append(stamp - other)
+        if of_load and self.newest_angle is not None:
+            self.clock_sets.add_lead(stamp, stamp - self.newest_angle)
 
-    @property
-    def set_apart(self) -> float:
-        """Time [s] by which the clock of the angles was set back beside that of the loads, as refused samples show."""
-        return (self.angle_time.set_back - self.load_time.set_back) / NANOSECONDS
+    def _note_doubt(self) -> None:
+        faster = min(self.angle_time.step_limit, self.load_time.step_limit)
+        self.clock_sets.note_doubt(faster // LONG_STEP)
 
-    def _compare_set_back(self) -> None:
-        """Flag all answers while one clock was set back beside the other."""
-        usual = max(self.angle_time.step_limit, self.load_time.step_limit) // LONG_STEP
-        is_apart = abs(self.set_apart) * NANOSECONDS > usual
-        self.flag_from_now("clock set back", STALE_INPUT if is_apart else STATUS_OK)
+    def _flag_apart(self) -> None:
+        """Flag all answers while the clock of one stream is set beside the other."""
+        self.flag_from_now("clock set", STALE_INPUT if self.clock_sets.apart else STATUS_OK)
 
     def _set_clocks_differ(self, differ: bool) -> None:
         self.clocks_differ = differ

@@ -29,8 +29,6 @@ JUMP_SAMPLES = 3
 """Number of samples of both streams that count as a jump of both, as two wrong stamps may coincide. If more samples
 than this of one stream follow a pause, they are not a burst of wrong stamps either; then samples from within the pause
 are wrong. Tuned; `studies.pairing` would notice."""
-JUMP_GAPS = 10
-"""Longest step forward, in units of `max_gap`, that may set a clock right again that was set back a little"""
 
 
 class AngleSample(NamedTuple):
@@ -115,14 +113,14 @@ class Timeline(Generic[S]):
         """Last steps forward [ns]"""
         self.missing = 0
         """Number of samples that holes in the stamps, up to `max_gap`, show to be missing; a longer one is flagged"""
-        self.set_back = 0
-        """Time [ns] by which the clock was set back, for less than `max_gap` and for good"""
         self.known = 0
         """Number of the next samples that were accepted before the stream was cleared"""
-        self.on_set_back: Callable[[], object] = lambda: None
-        """Function that is called when `set_back` has changed"""
-        self._late: list[int] = []  # stamps of refused samples that continue each other
-        self._longest_hole = 0  # longest step forward [ns] beyond the usual one, which may have been a clock set ahead
+        self.is_doubtful = False
+        """Whether the newest sample did not continue the stream, or samples are held back"""
+        self.on_doubt: Callable[[], object] = lambda: None
+        """Function that is called when a sample does not continue the stream"""
+        self.on_settled: Callable[[bool], object] = lambda _: None
+        """Function that is called when the stream goes on after such a sample, with whether it has jumped"""
         self.step_limit = max_gap
         """Longest step [ns] that continues the stream"""
         self._max_gap = max_gap
@@ -147,11 +145,8 @@ class Timeline(Generic[S]):
             continues = 0 < step <= self.step_limit
             if continues or (step > 0 and other.has_reached(stamp)):
                 between: list[S] = []
-                if held_back and not (continues and self._has_jumped_to(other)):
-                    between = [one for one in held_back if last < one.stamp < stamp]
-                    self._reject_held_back(len(held_back) - len(between))
-                    for one in between:
-                        self._advance_to(one.stamp)
+                if self.is_doubtful or not continues:
+                    between = self._accept_between(last, stamp, continues, other)
                 self._advance_to(stamp)
                 return [*between, sample]
             # Behind the last one, but not if it goes on from those held back
@@ -162,8 +157,10 @@ class Timeline(Generic[S]):
             is_late = self._is_late_among_held_back(stamp)
             if not is_late:  # the stream does not continue with those held back
                 self._reject_held_back(len(held_back))
+        if not self.is_doubtful:
+            self._doubt()
         if is_late:
-            self._refuse_late(stamp)
+            self._refused.count_refused(f"{self._name}_not_in_order")
             return []
         self.held_back.append(sample)
         if len(self.held_back) >= self._max_held_back:
@@ -188,12 +185,13 @@ class Timeline(Generic[S]):
             return []
         accepted = self.held_back[:number]
         self.held_back = [] if number is None else self.held_back[number:]
+        if accepted and self.last is not None:
+            self._settle(accepted[0].stamp - self.last)
         for sample in accepted:
             if self.last is not None:
                 if not 0 < sample.stamp - self.last <= self._max_gap:
                     self.jumps += 1
                     self.last_jump = sample.stamp - self.last
-                    self._longest_hole = max(self._longest_hole, self.last_jump)
                 if sample.stamp <= self.last:  # steps longer than `max_gap` came from jumps
                     steps = [step for step in self.steps if step <= self._max_gap]
                     self.resume(self.last, steps)
@@ -210,36 +208,31 @@ class Timeline(Generic[S]):
         """Forget everything; the samples that were held back are rejected."""
         self._reject_held_back(len(self.held_back))
         self.resume(None, ())
-        self._late.clear()
-        self._longest_hole = 0
-        self._set_back_by(0)
+        self.is_doubtful = False
 
-    def _refuse_late(self, stamp: int) -> None:
-        """Refuse a late sample at a stamp [ns]."""
-        if self._late and not 0 < stamp - self._late[-1] <= self.step_limit:
-            self._late.clear()
-        self._late.append(stamp)
-        self._refused.count_refused(f"{self._name}_not_in_order")
+    def _accept_between(
+        self, last: int, stamp: int, continues: bool, other: Timeline[Any]
+    ) -> list[S]:
+        """Accept the samples held back between the last stamp [ns] and the next one, with which the stream goes on."""
+        between: list[S] = []
+        if self.held_back and not (continues and self._has_jumped_to(other)):
+            between = [one for one in self.held_back if last < one.stamp < stamp]
+            self._reject_held_back(len(self.held_back) - len(between))
+            for one in between:
+                self._advance_to(one.stamp)
+        self._settle(stamp - last)
+        return between
 
-    def _end_late(self, stamp: int, last: int) -> None:
-        """Judge the late samples before an accepted one, at a stamp [ns], that follows the `last` accepted one.
+    def _doubt(self) -> None:
+        self.is_doubtful = True
+        self.on_doubt()
 
-        A clock that was set back gives late samples that run into those accepted later. Packets in the wrong order
-        leave a hole before these. A clock that was set ahead before, in a hole of the stamps, is set right again.
-        """
-        late = self._late
-        if len(late) >= JUMP_SAMPLES and stamp - late[-1] <= self.step_limit and self.steps:
-            usual = _usual_step(self.steps)
-            back = last - late[0] + usual
-            if back > self._longest_hole + usual:
-                self._set_back_by(self.set_back + back)
-            self._longest_hole = 0
-        late.clear()
-
-    def _set_back_by(self, time: int) -> None:
-        if time != self.set_back:
-            self.set_back = time
-            self.on_set_back()
+    def _settle(self, step: int) -> None:
+        """Continue after samples, or with one, that did not continue the stream."""
+        if not self.is_doubtful:
+            self._doubt()
+        self.is_doubtful = bool(self.held_back)
+        self.on_settled(not 0 < step <= 2 * self._max_gap)
 
     def _reject_held_back(self, rejected: int) -> None:
         """Hold no samples back any more, and count this number of them as refused."""
@@ -296,29 +289,17 @@ class Timeline(Generic[S]):
     def _advance_to(self, stamp: int) -> None:
         """Let a stamp [ns] be the last one, and remember the step to it."""
         if self.last is not None and stamp > self.last:
-            if self._late:
-                self._end_late(stamp, self.last)
             step = stamp - self.last
             steps = self.steps
             usual = self.step_limit // LONG_STEP
-            if steps and 2 * step > 3 * usual:
-                self._note_long_step(step, usual)
+            if len(steps) == STEPS and 3 * usual < 2 * step <= 2 * self._max_gap:
+                self.missing += round(step / usual) - 1
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
             # Sorting is left out where the second longest step stays: a new one of its length changes nothing.
             if len(steps) <= 2 or step > usual or step < usual <= dropped:
                 self.step_limit = LONG_STEP * _usual_step(steps)
         self.last = stamp
-
-    def _note_long_step(self, step: int, usual: int) -> None:
-        """Count the samples that are missing before a long step [ns], unless it sets the clock right again."""
-        # Silence before the clock was set back hides a part of `set_back`; a longer step is of another clock.
-        if self.set_back and self.set_back <= step <= JUMP_GAPS * self._max_gap:
-            self._set_back_by(0)
-        else:
-            self._longest_hole = max(self._longest_hole, step - usual)
-            if len(self.steps) == STEPS and step <= self._max_gap:
-                self.missing += round(step / usual) - 1
 
 
 def _usual_step(steps: deque[int]) -> int:
