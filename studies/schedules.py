@@ -1,0 +1,503 @@
+"""Sessions of a node under a simulated clock and a drawn schedule: samples, timers, services, parameters, kills.
+
+One thread works at a time. At every place where one may wait, the dice of the schedule's seed decide which goes on; the
+clock goes on only when all wait. A real node is called as its executor would call it, and outputs are threads with the
+code of their processes. What must hold: every force is answered once or counted, every answer is in the recording or
+counted, `solve` of each recording gives the same bits, and what has its final name is whole.
+
+python -m studies.schedules [--count N] [--seed S] [--first N]
+"""
+
+import heapq
+import math
+import os
+import pickle
+import random
+import select
+import tempfile
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import click
+import numpy as np
+import rclpy
+from rclpy.parameter import Parameter
+
+from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.mcap_file import McapFile
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.recorder import INTERRUPTION
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
+from knee_contact_ros.node import (
+    diagnostics,
+    inputs,
+    output_process,
+    outputs,
+    regular_work,
+    session,
+)
+from knee_contact_ros.node.contact_node import CONTACT_NODE
+from knee_contact_ros.node.managed_node import ManagedNode, Stop
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import KNEE_CONTACT, TickOutput
+from knee_contact_ros.system.ros import private_graph
+
+LONGEST = 1.5
+"""Time [s] for which samples come"""
+ROOM = 8
+"""Number of items that fit into a socket"""
+BEGIN = 10**12
+"""First stamp [ns]"""
+NOT_RECORDED = np.uint8(Status.INPUT_REJECTED)
+"""Bits that `solve` of a recording does not repeat: no refused sample is in it"""
+
+
+class Killed(BaseException):
+    """Ends the thread of a process that is killed."""
+
+
+class Task:
+    """A thread, and what it waits for."""
+
+    def __init__(self) -> None:
+        self.turn = threading.Semaphore(0)
+        self.ready: Callable[[], bool] = lambda: True
+        self.until = math.inf
+        self.killed = self.done = False
+
+
+class Clock:
+    """Simulated time, and the threads of which one works at a time."""
+
+    def __init__(self, dice: random.Random) -> None:
+        self.dice, self.now = dice, 100.0
+        self.own = threading.local()
+        self.tasks = [self.begin()]
+
+    def begin(self) -> Task:
+        """Make this thread a task."""
+        self.own.task = Task()
+        return self.own.task
+
+    def monotonic(self) -> float:
+        """The time [s]; a look at it takes a microsecond."""
+        self.now += 1e-6
+        return self.now
+
+    perf_counter = time = monotonic
+
+    def time_ns(self) -> int:
+        """The time [ns]."""
+        return round(1e9 * self.now)
+
+    def wait(self, ready: Callable[[], bool], timeout: float | None = None) -> bool:
+        """Let other threads work until this one is ready, or for a time [s]."""
+        task = self.own.task
+        task.ready, task.until = ready, math.inf if timeout is None else self.now + timeout
+        self.pass_on()
+        task.turn.acquire()
+        if task.killed:
+            raise Killed
+        return ready()
+
+    def pass_on(self) -> None:
+        """Choose the thread that works next."""
+        able = [one for one in self.tasks if one.killed or one.until <= self.now or one.ready()]
+        if not able:
+            self.now = min(one.until for one in self.tasks)
+            assert self.now < math.inf, "all threads wait for ever"  # noqa: S101
+            able = [one for one in self.tasks if one.until <= self.now]
+        self.dice.choice(able).turn.release()
+
+    def start(self, act: Callable[[], None]) -> Task:
+        """Start a thread."""
+        task = Task()
+
+        def run() -> None:
+            self.own.task = task
+            task.turn.acquire()
+            try:
+                act()
+            except Killed:
+                pass
+            finally:
+                task.done = True
+                self.tasks.remove(task)
+                self.pass_on()
+
+        self.tasks.append(task)
+        threading.Thread(target=run, daemon=True).start()
+        return task
+
+
+class End:
+    """End of a pair of connected sockets."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock, self.came, self.closed = clock, deque[bytes](), False
+        self.other: End
+
+    def poll(self, timeout: float = 0.0) -> bool:
+        """Whether something can be received within a time [s]."""
+        return self.clock.wait(lambda: bool(self.came) or self.other.closed, timeout)
+
+    def recv(self) -> Any:
+        """The next item."""
+        self.clock.wait(lambda: bool(self.came) or self.other.closed)
+        if not self.came:
+            raise EOFError
+        return pickle.loads(self.came.popleft())  # noqa: S301
+
+    def send_bytes(self, data: bytes) -> None:
+        """Send an item."""
+        if self.other.closed:
+            raise BrokenPipeError
+        self.other.came.append(data)
+
+    def send(self, item: Any) -> None:
+        """Send an object."""
+        self.send_bytes(pickle.dumps(item))
+
+    def fileno(self) -> Any:
+        """What is polled."""
+        return self
+
+    def __enter__(self) -> Any:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.closed = True
+
+
+class Poll:
+    """`select.poll` of one end."""
+
+    def register(self, end: Any, what: int) -> None:
+        """Poll an end."""
+        self.end, self.reads = end, what == select.POLLIN
+
+    def poll(self, _timeout: float) -> bool:
+        """Whether it is ready."""
+        other = self.end.other
+        return other.closed or bool(self.end.came if self.reads else len(other.came) < ROOM)
+
+
+class World:
+    """What modules of the package see in place of clocks, threads, sockets and processes."""
+
+    def __init__(self, dice: random.Random) -> None:
+        self.clock = clock = Clock(dice)
+        self.processes: list[Task] = []
+
+        class Event:
+            def __init__(self) -> None:
+                self.flag = False
+                self.set, self.clear = partial_set(self, True), partial_set(self, False)
+
+            def wait(self, timeout: float | None = None) -> bool:
+                return clock.wait(lambda: self.flag, timeout)
+
+        class Thread:
+            def __init__(self, target: Callable[[], None], **_: Any) -> None:
+                self.target = target
+
+            def start(self) -> None:
+                self.task = clock.start(self.target)
+
+            def join(self, timeout: float | None = None) -> None:
+                clock.wait(lambda: self.task.done, timeout)
+
+        self.threads = SimpleNamespace(Event=Event, Thread=Thread)
+
+    def start_connected(self, *_: str) -> tuple[End, Any]:
+        """Start a process of an output."""
+        ours, theirs = End(self.clock), End(self.clock)
+        ours.other, theirs.other = theirs, ours
+        code = []
+
+        def run() -> None:
+            with theirs:
+                asked = theirs.recv()
+                code.append(int(not output_process.write_output(theirs, *asked)))
+
+        task = self.clock.start(run)
+        self.processes.append(task)
+        return ours, SimpleNamespace(pid=len(self.processes), task=task, code=code)
+
+    def reap_process(self, process: Any) -> int:
+        """Wait for the end of a process."""
+        self.clock.wait(lambda: process.task.done)
+        return process.code[0] if process.code else -9
+
+    @contextmanager
+    def in_force(self) -> Iterator[None]:
+        """Let the modules see this world."""
+        replaced = [
+            *[(module, "time", self.clock) for module in TIMED],
+            (outputs, "threading", self.threads),
+            (outputs, "select", SimpleNamespace(poll=Poll, POLLIN=1, POLLOUT=4)),
+            (outputs, "start_connected", self.start_connected),
+            (outputs, "reap_process", self.reap_process),
+        ]
+        before = [(module, name, getattr(module, name)) for module, name, _ in replaced]
+        try:
+            for module, name, value in replaced:
+                setattr(module, name, value)
+            yield
+        finally:
+            for module, name, value in before:
+                setattr(module, name, value)
+
+
+TIMED: Any = (session, regular_work, diagnostics, inputs, outputs, output_process)
+"""Modules that look at clocks"""
+
+
+def partial_set(event: Any, flag: bool) -> Callable[[], None]:
+    """A function that sets the flag of an event."""
+    return lambda: setattr(event, "flag", flag)
+
+
+class Schedule:
+    """One life of a session."""
+
+    def __init__(self, node: ManagedNode, dice: random.Random, folder: Path) -> None:
+        self.node, self.dice, self.folder = node, dice, folder
+        self.world = World(dice)
+        self.forces = 0
+        self.rows: list[bytes] = []
+        self.sinks: list[tuple[Any, list[Any]]] = []
+        self.wrong: list[str] = []
+
+    def run(self) -> list[str]:
+        """Live, and return what is wrong."""
+        path = str(self.folder / "r.mcap") if self.dice.random() < 0.8 else ""
+        values = {
+            "record.path": path,
+            "record.min_free": 0.0,
+            "record.sync_period": 0.0,
+            "record.snapshot": self.dice.choice((0.2, 10.0)),
+            "contact.damping": 4000.0,
+        }
+        self._set(values)
+        with self.world.in_force(), self._watched():
+            self.node.configure()
+            self.session: Any = self.node.session
+            self._watch_answers()
+            self.session.start_listening()
+            self._live()
+            self.session.request_end()
+            pipeline = self.session.pipeline
+            self.node.finish_session()
+            self.world.clock.wait(lambda: len(self.world.clock.tasks) == 1, 60.0)
+        refused = pipeline.synchroniser.refused
+        lost = sum(n for why, n in refused.items() if not why.startswith("angle"))
+        if self.forces != pipeline.ticks + lost:
+            self.wrong.append(f"{self.forces} forces, {pipeline.ticks} answers, {dict(refused)}")
+        self._check_files()
+        return self.wrong
+
+    def _set(self, values: dict[str, Any]) -> bool:
+        """Set parameters; whether all were taken."""
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        return all(each.successful for each in self.node.set_parameters(given))
+
+    @contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Note what is handed to each output."""
+        put, init = outputs.SinkProcess.put_item, outputs.SinkProcess.__init__
+
+        def watched_init(sink: Any, *arguments: Any) -> None:
+            self.sinks.append((sink, []))
+            init(sink, *arguments)
+
+        def watched_put(sink: Any, item: Any) -> None:
+            if isinstance(item, TickOutput) and not sink._closed:
+                next(items for one, items in self.sinks if one is sink).append(item)
+            put(sink, item)
+
+        outputs.SinkProcess.__init__ = watched_init  # type: ignore[method-assign,assignment]
+        outputs.SinkProcess.put_item = watched_put  # type: ignore[method-assign]
+        try:
+            yield
+        finally:
+            outputs.SinkProcess.__init__ = init  # type: ignore[method-assign]
+            outputs.SinkProcess.put_item = put  # type: ignore[method-assign]
+
+    def _watch_answers(self) -> None:
+        publish = self.session._publish
+
+        def noted(answer: Any, begin: float) -> None:
+            self.rows += answer.rows
+            publish(answer, begin)
+
+        self.session._publish = noted
+
+    def _live(self) -> None:
+        """Let samples and timers come, and what is drawn."""
+        dice, clock = self.dice, self.world.clock
+        begin, rate = clock.now, dice.choice((50, 100, 200))
+        latencies = [dice.choice((0.0, 0.003, 0.03)) for _ in range(2)]
+        events: list[tuple[float, int, Callable[[], object]]] = []
+
+        def add(time: float, act: Callable[[], object]) -> None:
+            heapq.heappush(events, (time, len(events), act))
+
+        for i in range(int(LONGEST * rate)):
+            for stream in (0, 1):
+                if dice.random() > 0.01:
+                    add(i / rate + latencies[stream], self._sample(stream, i / rate))
+        acts = [
+            self._service("reset"),
+            self._service("start_recording"),
+            self._service("stop_recording"),
+            self._service("save_snapshot"),
+            self._change,
+            self._kill,
+            self._pause,
+            self._meet_best_effort,
+        ]
+        for act in dice.choices(acts, k=dice.randint(0, 6)):
+            add(dice.uniform(0.0, LONGEST), act)
+        period = self.session._wait_period
+        for i in range(int((LONGEST + 0.2) / period)):
+            add((i + dice.random()) * period, self.session._on_timer)
+        end = dice.choice((LONGEST + 0.2, dice.uniform(0.0, LONGEST)))  # of a signal
+        while events and events[0][0] < end:
+            time, _, act = heapq.heappop(events)
+            clock.wait(lambda: False, max(begin + time - clock.now, 0.0))
+            act()
+
+    def _sample(self, stream: int, time: float) -> Callable[[], None]:
+        stamp = BEGIN + round(1e9 * time)
+
+        def push() -> None:
+            if not self.session._timer:
+                return
+            if stream == 0:
+                state = JointState(
+                    stamp, "", ("knee",), (0.5 + 0.4 * math.sin(5.0 * time),), (), ()
+                )
+                self.session.inputs[0]._on_message(encode_joint_state(state))
+                return
+            self.forces += 1
+            force = (0.0, -800.0 * max(math.sin(7.0 * time), 0.0025) * 2.0, 0.0)
+            wrench = WrenchStamped(stamp, "tibia", force, (0.0, 0.0, 0.0))
+            self.session.inputs[1]._on_message(encode_wrench_stamped(wrench))
+
+        return push
+
+    def _service(self, name: str) -> Callable[[], None]:
+        service = next(one for one in self.session._services if one.srv_name.endswith(f"/{name}"))
+        return lambda: service.callback(None, SimpleNamespace())
+
+    def _change(self) -> None:
+        """Change a parameter; one that is refused must leave it and later changes as they are."""
+        value = self.dice.choice((1000.0, 9000.0, -1.0))
+        taken = self._set({"contact.damping": value})
+        has = self.session.pipeline.parameters.contact.damping
+        if taken != (value > 0.0) or (taken and has != value):
+            self.wrong.append(f"contact.damping {value}: taken {taken}, and it is {has}")
+
+    def _kill(self) -> None:
+        """Kill the process of an output."""
+        running = [task for task in self.world.processes if not task.done]
+        if running:
+            self.dice.choice(running).killed = True
+
+    def _pause(self) -> None:
+        self.session.stop_listening()
+        self.session.start_listening()
+
+    def _meet_best_effort(self) -> None:
+        stream = self.dice.choice(self.session.inputs)
+        kind = inputs.QoSPolicyKind.RELIABILITY
+        stream._on_incompatible_qos(stream.topic, SimpleNamespace(last_policy_kind=kind))
+
+    def _check_files(self) -> None:
+        """Check every recording beside what its sink was given."""
+        for sink, items in self.sinks:
+            path = Path(sink.name)
+            final = path if path.exists() else Path(f"{path}.partial")
+            given = [item.records[-1][1] for item in items]
+            found = recorded(final) if final.exists() else []
+            told = f"{path.name}: {len(given)} answers, {len(found)} in it, {sink.dropped} lost"
+            if found != given[: len(found)] or len(found) < len(given) - sink.dropped:
+                self.wrong.append(f"{told}; {sink.failure}")
+            if path.exists():
+                self._check_whole(path, bool(found))
+            elif not sink.failure:
+                self.wrong.append(f"{path.name} is not there, and nothing is said")
+
+    def _check_whole(self, path: Path, answers: bool) -> None:
+        """Check a file that has its final name."""
+        with Bag(path) as bag:
+            if bag.damage and answers:
+                self.wrong.append(f"{path.name}: {bag.damage}")
+            if bag.first_metadata(INTERRUPTION) or not answers:
+                return
+            recording = read_provenance(bag)
+            assert recording  # noqa: S101  (by the recorder)
+            solve(bag, recording, self.folder / "again.mcap", overwrite=True)
+        live, again = (
+            read_answers(each).view(FLAT) for each in (path, self.folder / "again.mcap")
+        )
+        held = np.flatnonzero(live["status"] & Status.INPUT_HELD)
+        most = min(int(held[0]) if len(held) else len(live) - 1, len(live) - 1)
+        for rows in (live, again):
+            rows["status"] &= ~NOT_RECORDED
+        different = [
+            name
+            for name in MESSAGE_FIELDS
+            if not np.array_equal(live[name][:most], again[name][:most])
+        ]
+        if different:
+            self.wrong.append(f"{path.name}: solve differs in {' '.join(different)}")
+
+
+def recorded(path: Path) -> list[int]:
+    """Stamps of the answers in a file."""
+    with closing(McapFile(path)) as file:
+        answers = {
+            key for key, (one, _) in file.declared.items() if one.topic == f"/{KNEE_CONTACT}"
+        }
+        messages = [each for _, each in file.in_file_order() if hasattr(each, "channel_id")]
+        return [each.log_time for each in messages if each.channel_id in answers]
+
+
+@click.command()
+@click.option("--count", default=1000, show_default=True)
+@click.option("--seed", default=1, show_default=True)
+@click.option("--first", default=0, show_default=True, help="Number of the first schedule.")
+def main(count: int, seed: int, first: int) -> None:
+    """Run schedules; exit code 1 if anything is wrong."""
+    wrong = 0
+    with private_graph() as environment:
+        os.environ.update(environment)
+        rclpy.init(args=["--ros-args", "--log-level", "fatal"])
+        node = ManagedNode(CONTACT_NODE, Stop())
+        for number in range(first, first + count):
+            with tempfile.TemporaryDirectory() as folder:
+                found = Schedule(node, random.Random(f"{seed} {number}"), Path(folder)).run()  # noqa: S311
+            if found:
+                wrong += 1
+                click.echo(f"{number}: {'; '.join(found)}")
+    click.echo(f"seed {seed}: {wrong} of {count} wrong")
+    rclpy.shutdown()
+    raise SystemExit(wrong > 0)
+
+
+if __name__ == "__main__":
+    main()
