@@ -26,7 +26,9 @@ from typing import Any
 import click
 import numpy as np
 import rclpy
+from mcap.records import Message
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSPolicyKind
 
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.bag import Bag
@@ -64,6 +66,16 @@ NOT_RECORDED = np.uint8(Status.INPUT_REJECTED)
 """Bits that `solve` of a recording does not repeat: no refused sample is in it"""
 
 
+CHANGES = (
+    ("damping", 1000.0),
+    ("damping", 9000.0),
+    ("damping", -1.0),
+    ("layer_depth", 1e-3),
+    ("layer_depth", 1e-250),
+)
+"""Parameters `contact.*` with values; those below 1e-4 are refused, the last one by the model only"""
+
+
 class Killed(BaseException):
     """Ends the thread of a process that is killed."""
 
@@ -88,8 +100,8 @@ class Clock:
 
     def begin(self) -> Task:
         """Make this thread a task."""
-        self.own.task = Task()
-        return self.own.task
+        self.own.task = task = Task()
+        return task
 
     def monotonic(self) -> float:
         """The time [s]; a look at it takes a microsecond."""
@@ -223,7 +235,8 @@ class World:
 
     def start_connected(self, *_: str) -> tuple[End, Any]:
         """Start a process of an output."""
-        ours, theirs = End(self.clock), End(self.clock)
+        ours: Any = End(self.clock)
+        theirs: Any = End(self.clock)
         ours.other, theirs.other = theirs, ours
         code = []
 
@@ -276,10 +289,11 @@ class Schedule:
     def __init__(self, node: ManagedNode, dice: random.Random, folder: Path) -> None:
         self.node, self.dice, self.folder = node, dice, folder
         self.world = World(dice)
-        self.forces = 0
+        self.forces = self.jump = 0
         self.rows: list[bytes] = []
         self.sinks: list[tuple[Any, list[Any]]] = []
         self.wrong: list[str] = []
+        self.session: Any = None
 
     def run(self) -> list[str]:
         """Live, and return what is wrong."""
@@ -290,17 +304,22 @@ class Schedule:
             "record.sync_period": 0.0,
             "record.snapshot": self.dice.choice((0.2, 10.0)),
             "contact.damping": 4000.0,
+            "contact.layer_depth": 2e-3,
         }
         self._set(values)
         with self.world.in_force(), self._watched():
             self.node.configure()
-            self.session: Any = self.node.session
+            self.session = self.node.session
             self._watch_answers()
             self.session.start_listening()
             self._live()
             self.session.request_end()
             pipeline = self.session.pipeline
+            self.node.complete = True
             self.node.finish_session()
+            missing = [sink.name for sink, _ in self.sinks if not Path(sink.name).exists()]
+            if self.node.complete and missing:
+                self.wrong.append(f"the node ends well, without {missing}")
             self.world.clock.wait(lambda: len(self.world.clock.tasks) == 1, 60.0)
         refused = pipeline.synchroniser.refused
         lost = sum(n for why, n in refused.items() if not why.startswith("angle"))
@@ -317,7 +336,8 @@ class Schedule:
     @contextmanager
     def _watched(self) -> Iterator[None]:
         """Note what is handed to each output."""
-        put, init = outputs.SinkProcess.put_item, outputs.SinkProcess.__init__
+        kind: Any = outputs.SinkProcess
+        put, init = kind.put_item, kind.__init__
 
         def watched_init(sink: Any, *arguments: Any) -> None:
             self.sinks.append((sink, []))
@@ -328,13 +348,11 @@ class Schedule:
                 next(items for one, items in self.sinks if one is sink).append(item)
             put(sink, item)
 
-        outputs.SinkProcess.__init__ = watched_init  # type: ignore[method-assign,assignment]
-        outputs.SinkProcess.put_item = watched_put  # type: ignore[method-assign]
+        kind.__init__, kind.put_item = watched_init, watched_put
         try:
             yield
         finally:
-            outputs.SinkProcess.__init__ = init  # type: ignore[method-assign]
-            outputs.SinkProcess.put_item = put  # type: ignore[method-assign]
+            kind.__init__, kind.put_item = init, put
 
     def _watch_answers(self) -> None:
         publish = self.session._publish
@@ -359,8 +377,8 @@ class Schedule:
             for stream in (0, 1):
                 if dice.random() > 0.01:
                     add(i / rate + latencies[stream], self._sample(stream, i / rate))
-        acts = [
-            self._service("reset"),
+        acts: list[Callable[[], object]] = [
+            self._reset,
             self._service("start_recording"),
             self._service("stop_recording"),
             self._service("save_snapshot"),
@@ -380,12 +398,16 @@ class Schedule:
             clock.wait(lambda: False, max(begin + time - clock.now, 0.0))
             act()
 
-    def _sample(self, stream: int, time: float) -> Callable[[], None]:
-        stamp = BEGIN + round(1e9 * time)
+    def _reset(self) -> None:
+        """Reset, perhaps as the clocks of the sensors were set."""
+        self._service("reset")()
+        self.jump += self.dice.choice((0, -500_000_000, 10**10))
 
+    def _sample(self, stream: int, time: float) -> Callable[[], None]:
         def push() -> None:
             if not self.session._timer:
                 return
+            stamp = BEGIN + self.jump + round(1e9 * time)
             if stream == 0:
                 state = JointState(
                     stamp, "", ("knee",), (0.5 + 0.4 * math.sin(5.0 * time),), (), ()
@@ -405,11 +427,11 @@ class Schedule:
 
     def _change(self) -> None:
         """Change a parameter; one that is refused must leave it and later changes as they are."""
-        value = self.dice.choice((1000.0, 9000.0, -1.0))
-        taken = self._set({"contact.damping": value})
-        has = self.session.pipeline.parameters.contact.damping
-        if taken != (value > 0.0) or (taken and has != value):
-            self.wrong.append(f"contact.damping {value}: taken {taken}, and it is {has}")
+        name, value = self.dice.choice(CHANGES)
+        taken = self._set({f"contact.{name}": value})
+        has = getattr(self.session.pipeline.parameters.contact, name)
+        if taken != (value >= 1e-4) or taken != (has == value):
+            self.wrong.append(f"{name} {value}: taken {taken}, and the model has {has}")
 
     def _kill(self) -> None:
         """Kill the process of an output."""
@@ -423,7 +445,7 @@ class Schedule:
 
     def _meet_best_effort(self) -> None:
         stream = self.dice.choice(self.session.inputs)
-        kind = inputs.QoSPolicyKind.RELIABILITY
+        kind = QoSPolicyKind.RELIABILITY
         stream._on_incompatible_qos(stream.topic, SimpleNamespace(last_policy_kind=kind))
 
     def _check_files(self) -> None:
@@ -473,7 +495,7 @@ def recorded(path: Path) -> list[int]:
         answers = {
             key for key, (one, _) in file.declared.items() if one.topic == f"/{KNEE_CONTACT}"
         }
-        messages = [each for _, each in file.in_file_order() if hasattr(each, "channel_id")]
+        messages = [each for _, each in file.in_file_order() if isinstance(each, Message)]
         return [each.log_time for each in messages if each.channel_id in answers]
 
 

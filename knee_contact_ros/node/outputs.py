@@ -222,13 +222,14 @@ class SinkProcess:
             "stopped" if self.state == OPEN else "cannot be opened",
             FAILED if reason else ENDED,
         )
-        self._lost, self._sent_size = self._unsent(), self._put_size
-        if self._last.state == FAILED:
-            self._lost += self._sent - self._last.written
+        self._lost = self._unsent() + self._sent - self._last.written
+        self._sent_size = self._put_size
         self._waiting.clear()
         if reason:
             told = reason if self._last.state == REFUSED else f"{self.label} {what}: {reason}"
-            self._fail(told + (f"; {self._lost} answers are not in it" if self._lost else ""))
+            most = "" if self._last.state in (FAILED, REFUSED) else "up to "
+            lost = f"; {most}{self._lost} answers are not in it" if self._lost else ""
+            self._fail(told + lost)
         self._known.set()
 
     def _feed(self, connection: Connection) -> str:
