@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..model.knee import KneeModel
+from ..model.ringing import Ringing
 from ..model.types import NANOSECOND, ROW
 from ..streams.contact_pipeline import ContactAnswer
 from ..streams.messages import JointState, encode_joint_state
@@ -56,12 +57,12 @@ class StrideTopic:
             self._rows = None
         elif self._rows is None or self._of is not self._model():
             self._rows, self._of = [], self._model()
-            self._strides = Strides(self._body_weight, self._of)
+            self._strides, self._ringing = Strides(self._body_weight), Ringing(self._of)
         elif self._rows:
             rows = np.frombuffer(b"".join(self._rows), ROW)
             self._rows = []
             now = int(rows["stamp"][-1])
-            for stride in self._strides.add_answers(rows):
+            for stride in self._strides.add_answers(rows, self._ringing.add_answers(rows)):
                 self._publisher.publish(encode_stride(stride, self._frame_id, now))
 
 

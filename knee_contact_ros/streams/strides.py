@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..model.knee import KneeModel
-from ..model.ringing import Ringing
 from ..model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
 from .gait_events import (
     HEEL_STRIKE,
@@ -172,10 +170,9 @@ class Strides:
     (`GaitEvents`), about 0.4 s after it.
     """
 
-    def __init__(self, body_weight: float, model: KneeModel | None = None) -> None:
-        """Begin a stream of a person with this body weight [N]; with the model of the answers ringing is known."""
+    def __init__(self, body_weight: float) -> None:
+        """Begin a stream of a person with this body weight [N]."""
         self._finder = GaitEvents(body_weight)
-        self._model = Ringing(model) if model else None
         self.events: list[GaitEvent] = []
         """Events that have become certain since the last `add` began"""
         self._begin()
@@ -186,20 +183,20 @@ class Strides:
         self._strikes, self._toe_offs = list[int](), list[int]()
         self._last = (0, 0)  # heel strikes of the stride that was told last
 
-    def add_answers(self, rows: Rows) -> list[Stride]:
-        """Add answers, shape (n,); return the strides that have become certain, in order.
+    def add_answers(self, rows: Rows, ringing: Floats | None = None) -> list[Stride]:
+        """Add answers, shape (n,), and their ringing [N], if known; return the strides that are certain now, in order.
 
         If stamps do not increase, or leave a gap of more than half a second, everything starts again.
         """
         strides: list[Stride] = []
         self.events = []
+        known = np.full(len(rows), np.nan) if ringing is None else ringing
         for part, anew in runs(rows["stamp"], self._rows["stamp"]):
             if anew:
                 strides += self.finish_strides()
             new = rows[part]
             self._rows = np.concatenate((self._rows, new))
-            ringing = self._model.add_answers(new) if self._model else np.full(len(new), np.nan)
-            self._ringing = np.concatenate((self._ringing, ringing))
+            self._ringing = np.concatenate((self._ringing, known[part]))
             strides += self._certain_strides(
                 self._finder.add_samples(new["stamp"], new["flexion_angle"], new["load"])
             )
@@ -224,9 +221,7 @@ class Strides:
             for span in spans(self._strikes[-2:], self._toe_offs):
                 if (span.start, span.end) != self._last:
                     self._last = span.start, span.end
-                    strides.append(
-                        stride_of(span, self._rows, self._ringing if self._model else None)
-                    )
+                    strides.append(stride_of(span, self._rows, self._ringing))
         return strides
 
 
@@ -248,6 +243,7 @@ def stride_of(
     first = int(np.searchsorted(stamps, span.start, "right")) - 1  # its ends lie between answers
     used = slice(max(first, 0), int(np.searchsorted(stamps, span.end)) + 1)
     within = slice(*np.searchsorted(stamps, (span.start, span.end)))
+    largest = math.nan if ringing is None else float(np.abs(ringing[within]).max())
     return Stride(
         span,
         float(whole[:, 0].max()),
@@ -257,7 +253,7 @@ def stride_of(
         loading_rate(stance_time, stance[:, 0]),
         not (rows["status"][used].astype(int) & UNUSABLE).any(),
         sliding_distance(time, *whole.T[2:]),
-        math.nan if ringing is None else float(np.abs(ringing[within]).max()),
+        largest if math.isfinite(largest) else math.nan,
     )
 
 
@@ -278,5 +274,7 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
         >>> print(f"{stride.span.duration:.2f} s, {stride.peak_force:.0f} N")
         1.23 s, 1557 N
     """
-    strides = Strides(body_weight, getattr(series, "model", None))
-    return strides.add_answers(np.asarray(series)) + strides.finish_strides()
+    strides = Strides(body_weight)
+    model = getattr(series, "model", None)
+    ringing = model.ringing(series) if model else None
+    return strides.add_answers(np.asarray(series), ringing) + strides.finish_strides()

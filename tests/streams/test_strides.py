@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.types import ContactState, Status
 from knee_contact_ros.streams.strides import (
     Stride,
@@ -127,15 +128,17 @@ def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size):
     knee = model(law("hertz"))
     series = knee.run((stamps - stamps[0]) / SECOND, angle, load)
     twice = np.concatenate([series, series])  # time goes back: a run of its own
-    stream, found, late = Strides(BODY_WEIGHT, knee), list[Stride](), list[float]()
+    stream, found, late = Strides(BODY_WEIGHT), list[Stride](), list[float]()
+    rings = Ringing(knee)
     for begin in range(0, len(twice), size):
         batch = twice[begin : begin + size]
-        new = stream.add_answers(batch)
+        new = stream.add_answers(batch, rings.add_answers(batch))
         found += new
         late += [(batch["stamp"][-1] - each.span.end) / SECOND for each in new if size == 1]
     found += stream.finish_strides()
-    whole = Strides(BODY_WEIGHT, knee)
-    assert found == 2 * (whole.add_answers(series) + whole.finish_strides())
+    whole = Strides(BODY_WEIGHT)
+    rings = knee.ringing(series)
+    assert found == 2 * (whole.add_answers(series, rings) + whole.finish_strides())
     assert all(each.ringing > 1.0 for each in found)  # hertz has no dashpot
     assert all(each.peak_depth > 0.0 for each in found)
     assert [each.peak_force for each in found[:6]] == pytest.approx(
