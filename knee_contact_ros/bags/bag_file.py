@@ -101,13 +101,22 @@ class Batch:
         """Return the bytes of the messages of the topic with this number."""
         return self.messages.part(np.flatnonzero(self.numbers == number))
 
-    def converted(self, convert: Sequence[Callable[[bytes, int], bytes] | None]) -> Batch:
-        """Convert the messages of each number by its function, from bytes and log time [ns]; None leaves them."""
-        messages = []
+    def converted(self, convert: Sequence[Callable[[bytes, int], list[bytes]] | None]) -> Batch:
+        """Convert messages by the function of their number, from bytes and log time [ns] to some; None leaves them.
+
+        Those of the third number become such of the first one.
+        """
+        messages = list[bytes]()
+        counts = []
         for number, time, data in self:
             change = convert[number]
-            messages.append(change(data, time) if change else data)
-        return Batch(self.numbers, self.times, Column.of(messages))
+            made = change(data, time) if change else [data]
+            messages += made
+            counts.append(len(made))
+        numbers = np.where(self.numbers == 2, 0, self.numbers)
+        return Batch(
+            np.repeat(numbers, counts), np.repeat(self.times, counts), Column.of(messages)
+        )
 
 
 class BagFile(ABC):

@@ -65,6 +65,7 @@ COUNTED = answer_struct("fidelity", "status")
 _CHANGEABLE = frozenset(
     {
         "knee.flexion_offset",
+        "orientations.standing",
         "load.offset",
         "load.share",
         "load.compartment_spacing",
@@ -104,6 +105,8 @@ class ContactHealth(Health):
         self.newest = np.zeros(0, ROW).view(FLAT)
         """Answers of the compartments at the last checked tick"""
         self._contacts = pipeline
+        self.orientations: Any = None
+        """`OrientationJoin` of the session, if it has one"""
 
     def newest_words(self) -> list[str]:
         """Words about the contact force of each compartment at the newest tick."""
@@ -133,6 +136,8 @@ class ContactHealth(Health):
         inputs = doubts.inputs
         about_angle = inputs.about_angle
         about_load = "; ".join(each for each in doubts.about_inputs if each != about_angle)
+        if self.orientations and not about_angle:
+            about_angle = self.orientations.knee.doubt
         load: dict[str, str] = {}
         flexion: dict[str, str] = {}
         if doubts.ticks:
@@ -201,6 +206,7 @@ class ContactSession(Session):
         health = ContactHealth(node, parameters, pipeline)
         super().__init__(node, parameters, pipeline, health)
         self.inputs = self._input_streams(qos_given, handed)
+        health.orientations = self.orientations
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
         if damped(pipeline.compartments[0].model):
@@ -277,12 +283,14 @@ class ContactSession(Session):
         self.health.check_answers()  # by the limits that held for these answers
         known = self.pipeline.doubts_about_parameters
         super().retune(parameters, changes)
+        if self.orientations and "orientations.standing" in changes:
+            self.orientations.retune(parameters)
         for doubt in self.pipeline.doubts_about_parameters:
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
 
     def _services_by_name(self) -> dict[str, Callable[[], str]]:
-        return {**super()._services_by_name(), "tare": self._tare}
+        return {**super()._services_by_name(), "tare": self._tare, "zero": self._zero}
 
     def _tare(self) -> str:
         """Set the parameter load.offset so that the last second's mean load is 0."""
@@ -290,10 +298,20 @@ class ContactSession(Session):
         if time.monotonic() - forces.last > self.parameters.diagnostics.timeout:
             raise UsageError("no force comes")
         offset = self.pipeline.measured_offset()
-        (result,) = self.node.set_parameters([Parameter("load.offset", value=offset)])
+        return self._set("load.offset", offset, f"load.offset is {offset:.3f} N now")
+
+    def _zero(self) -> str:
+        """Set the parameter orientations.standing to the mean pose of the last second."""
+        if not self.orientations:
+            raise UsageError("orientations.thigh is not set: ~/zero is for two inertial sensors")
+        pose = self.orientations.measured_standing()
+        return self._set("orientations.standing", pose, f"orientations.standing is {pose!r} now")
+
+    def _set(self, name: str, value: float | str, text: str) -> str:
+        """Set a parameter, log what it is now, and return this text."""
+        (result,) = self.node.set_parameters([Parameter(name, value=value)])
         if not result.successful:
             raise UsageError(result.reason)
-        text = f"load.offset is {offset:.3f} N now"
         self.node.get_logger().info(text)
         return text
 

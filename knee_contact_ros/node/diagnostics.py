@@ -431,7 +431,7 @@ class Health:
         """Find in the graph why inputs are silent; it takes a while, so only a warning asks for it."""
         graph = published_by_others(self._node)
         sources, joints = self.parameters.inputs(), len(self.parameters.joints())
-        by = "knee.source", self.parameters.force_source
+        by = self.parameters.angle_source, self.parameters.force_source
         for number, stream in enumerate(inputs):
             stream.reason = ""
             if stream.meter.received and not stream.publishers:

@@ -334,9 +334,8 @@ class Input:
 
     def _on_foreign_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)
-        self._on_message(
-            self._convert(data, self._arrival())
-        )  # the events executor gives no times
+        for made in self._convert(data, self._arrival()):  # the events executor gives no times
+            self._on_message(made)
 
     def _on_incompatible_qos(self, topic: str, event: Any) -> None:
         if event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user:

@@ -93,6 +93,9 @@ class Session(ABC):
         self.pipeline = pipeline
         self.health = health
         self.inputs: Inputs
+        self.orientations: Any = None
+        """`OrientationJoin` if the angles are made of the orientations of thigh and shank"""
+        self._thigh: Input | None = None
         self.outputs: Outputs
         self._transforms: StaticTransformTopic
         self._frame_doubt = ""  # as it was last told
@@ -145,7 +148,14 @@ class Session(ABC):
         force_meter = InputMeter(
             limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout
         )
-        convert_angle, convert_force = converters(self.parameters, installed_types)
+        thigh = self.parameters.thigh()
+        if thigh:
+            from ..streams.orientations import OrientationJoin
+
+            self.orientations = OrientationJoin(self.parameters)
+        convert_angle, convert_force, convert_thigh = converters(
+            self.parameters, installed_types, self.orientations
+        )
         angle_arguments = self.node, angles.topic, self._on_joint_state, angle_meter
         force_arguments = self.node, forces.topic, self._on_force, force_meter
         if handed and forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED_TYPE):
@@ -155,13 +165,25 @@ class Session(ABC):
             angle_input = Input(*angle_arguments, handed=handed.angles)
         else:
             angle_input = Input(
-                *angle_arguments, message_class(angles, "knee.source"), qos_given, convert_angle
+                *angle_arguments,
+                message_class(angles, self.parameters.angle_source),
+                qos_given,
+                convert_angle,
             )
+        if thigh:
+            kind = message_class(thigh, "orientations.thigh")
+            arguments = self.node, thigh.topic, self._on_joint_state, angle_meter
+            self._thigh = Input(*arguments, kind, qos_given, convert_thigh)
         if handed:
             return angle_input, Input(*force_arguments, handed=handed.forces)
         return angle_input, Input(
             *force_arguments, message_class(forces, by), qos_given, convert_force
         )
+
+    @property
+    def _every_input(self) -> list[Input]:
+        """Angles, forces, and the thigh's orientations if there are any."""
+        return [*self.inputs, *filter(None, [self._thigh])]
 
     def _advertise(self, topics: Mapping[str, tuple[Any, int]]) -> None:
         """Advertise topics, each with its type and depth, and the diagnostics.
@@ -220,7 +242,7 @@ class Session(ABC):
                 "use_sim_time: stamps on arrival and the age of messages follow /clock; pairing.wait, deadline and "
                 "rates are in time of this computer"
             )
-        for stream in self.inputs:
+        for stream in self._every_input:
             stream.follow_clock()
             stream.meter.restart()
             stream.start_listening()
@@ -249,7 +271,7 @@ class Session(ABC):
             gc.unfreeze()
             if self.parameters.realtime:
                 end_realtime()
-        for stream in self.inputs:
+        for stream in self._every_input:
             stream.stop_listening()
         if self._timer:
             self.node.destroy_timer(self._timer)
@@ -372,7 +394,7 @@ class Session(ABC):
         if self.pipeline.frame.doubt not in ("", self._frame_doubt):
             self._frame_doubt = self.pipeline.frame.doubt
             self.node.get_logger().warning(self._frame_doubt)
-        for stream in self.inputs:
+        for stream in self._every_input:
             stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through
 

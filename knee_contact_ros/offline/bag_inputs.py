@@ -41,9 +41,10 @@ def as_recorded(parameters: Any) -> Any:
     )
     sections = {name: getattr(parameters, name) for name in ("knee", section)}
     pairs = zip(sections.items(), topics, strict=True)
-    return parameters.model_copy(
-        update={n: part.model_copy(update={"source": topic}) for (n, part), topic in pairs}
-    )
+    update = {n: part.model_copy(update={"source": topic}) for (n, part), topic in pairs}
+    if parameters.thigh():
+        update["orientations"] = type(parameters.orientations)()
+    return parameters.model_copy(update=update)
 
 
 class BagInputs:
@@ -61,8 +62,9 @@ class BagInputs:
         if usual.inputs() != parameters.inputs() and bag.is_recording:
             parameters = usual
         self.bag = bag
+        self._orientations: Any = None  # those that were joined last
         self._parameters = parameters
-        sources = parameters.inputs()
+        sources = [*parameters.inputs(), *filter(None, [parameters.thigh()])]
         self.topic = sources[0].topic
         """Topic of the angles"""
         self._topics = [absolute(source.topic) for source in sources]
@@ -81,8 +83,12 @@ class BagInputs:
         Messages of number 0 are angles, as JointStates; those of number 1 are forces, as WrenchStampeds. `only` is the
         number to read; None means both.
         """
-        convert = converters(self._parameters, self._types)
-        topics = self._topics if only is None else [self._topics[only]]
+        if isinstance(self._parameters, Parameters) and self._parameters.thigh():
+            from ..streams.orientations import OrientationJoin
+
+            self._orientations = OrientationJoin(self._parameters)
+        convert = converters(self._parameters, self._types, self._orientations)
+        topics = self._topics if only is None else [self._topics[only], *self._topics[2:]]
         for read in self._reader.batches_of(size, topics):
             batch = read
             if self._topics[0] == self._topics[1]:  # a message has both
@@ -92,6 +98,11 @@ class BagInputs:
                 if only is not None:
                     batch = batch.select(np.flatnonzero(batch.numbers == only))
             yield batch.converted(convert) if any(convert) else batch
+
+    @property
+    def orientation_doubt(self) -> str:
+        """Sentence about the orientations of thigh and shank that were read; empty without one."""
+        return self._orientations.knee.doubt if self._orientations else ""
 
     @property
     def message_count(self) -> int:
@@ -106,7 +117,7 @@ class BagInputs:
     def publishers(self) -> list[str]:
         """Return the channels of the angles and of the forces, as words; empty where there is only one."""
         words = []
-        for topic in self._topics:
+        for topic in self._topics[:2]:
             ids = self._reader.channel_ids(topic)
             words.append(
                 f"channels {' and '.join(map(str, ids))} of the bag" if len(ids) > 1 else ""

@@ -169,6 +169,7 @@ def _complete_summary(
         pipeline.force_conflict.sentence(forces),
         held_sentence(pipeline, summary.flagged["INPUT_HELD"]),
         pipeline.frame.doubt,
+        inputs.orientation_doubt,
     )
     summary.publishers = [sentence for sentence in sentences if sentence]
 

@@ -29,6 +29,7 @@ from .sections import (
     ForceSource,
     FrameName,
     NodeSection,
+    OrientationSource,
     PairingSection,
     RecordSection,
     Rotation,
@@ -36,6 +37,7 @@ from .sections import (
     off_or_at_least,
     one_of,
 )
+from .sources import TopicSource, orientation_source
 
 LATERAL_PREFIX = "lateral."
 """Beginning of the names of the lateral compartment's parameters"""
@@ -83,6 +85,17 @@ class KneeSection(Section):
     height_joint_name: str = Field("knee_height", min_length=1)
     """joint whose position is the femoral height [m], for drive displacement"""
     source: AngleSource = Field("joint_states", description=ANGLE_SOURCE_MEANING)
+
+
+class OrientationsSection(Section):
+    """Orientations of two inertial sensors, which give the knee angle in place of knee.source."""
+
+    thigh: OrientationSource = ""
+    """topic of the thigh's sensor, of type sensor_msgs/Imu; for another type, the field of the quaternion"""
+    shank: OrientationSource = ""
+    """the same for the shank"""
+    standing: Rotation = ""
+    """turn from the axes of the shank's sensor to those of the thigh's in standing, which is 0 rad; ~/zero sets it"""
 
 
 class LoadSection(Section):
@@ -325,6 +338,7 @@ class Parameters(NodeSection):
     about_person = MappingProxyType({"body_weight": "N"})
 
     knee: KneeSection = KneeSection()
+    orientations: OrientationsSection = OrientationsSection()
     load: LoadSection = LoadSection()
     frame: FrameSection = FrameSection()
     pairing: PairingSection = PairingSection()
@@ -366,8 +380,21 @@ class Parameters(NodeSection):
             wanted["knee.height_joint_name"] = self.knee.height_joint_name
         return wanted
 
+    def thigh(self) -> TopicSource | None:
+        """Source of the thigh's orientation; see `NodeSection`."""
+        return orientation_source(self.orientations.thigh) if self.orientations.thigh else None
+
+    def inputs(self) -> tuple[TopicSource, TopicSource]:
+        """Sources of the angles, or of the shank's orientation, and of the forces; see `NodeSection`."""
+        angles, forces = super().inputs()
+        shank = self.orientations.shank
+        return orientation_source(shank) if shank else angles, forces
+
     def problem(self) -> str:
         """First combination of values that is not allowed, in either compartment; see `NodeSection`."""
+        both = self.orientations.thigh, self.orientations.shank
+        if any(both) and (not all(both) or both[0] == both[1] or self.drive != "force"):
+            return "orientations: allowed: thigh and shank, of two sensors, with drive force"
         why = "load.rotation" if self.load.rotation else "frame.tibia"
         needed = 3 if self.load.rotation or self.frame.tibia else 1
         if self.load.rule == "moment_balance":

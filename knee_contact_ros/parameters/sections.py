@@ -23,6 +23,7 @@ from .sources import (
     SOURCE_FORM,
     WRENCH_STAMPED_TYPE,
     TopicSource,
+    orientation_source,
     source_of,
 )
 
@@ -140,15 +141,15 @@ class NodeSection(Section):
         """Report a wrong number of fields. Forces need `needed` fields because of `why`, and one of `counts`."""
         joints, (first, second) = self.joints(), self.inputs()
         angles, forces = len(first.fields), len(second.fields)
-        if angles not in (0, len(joints)):
+        if angles not in (0, len(joints)) and not self.thigh():
             return f"knee.source: {angles} fields are not allowed; {', '.join(joints)} need {len(joints)}"
         if forces not in counts and forces >= needed:
             return f"{self.force_source}: {forces} fields are not allowed; a number, a force's three, or a wrench's six"
         if 0 < forces < needed:
             return f"{self.force_source}: {forces} fields are not allowed; {why} needs {needed}"
         if first.topic == second.topic and first.type != second.type:
-            return f"knee.source: {first.topic} is also the topic of {self.force_source}, and a topic cannot have two "
-            "types"
+            both = f"{self.angle_source}: {first.topic} is also the topic of {self.force_source}"
+            return f"{both}, and a topic cannot have two types"
         return ""
 
     def inputs(self) -> tuple[TopicSource, TopicSource]:
@@ -157,6 +158,15 @@ class NodeSection(Section):
         angles: str = self.knee.source  # type: ignore[attr-defined]  # every node has a knee
         forces: str = getattr(getattr(self, section), name)
         return source_of(angles, JOINT_STATE_TYPE), source_of(forces, WRENCH_STAMPED_TYPE)
+
+    def thigh(self) -> TopicSource | None:
+        """Return the source of the thigh's orientation, if the angles are made of it and of the shank's."""
+        return None
+
+    @property
+    def angle_source(self) -> str:
+        """Name of the parameter for the first of `inputs`."""
+        return "orientations.shank" if self.thigh() else "knee.source"
 
     def joints(self) -> dict[str, str]:
         """Return the names of the joints that the node needs, by the parameters that give them."""
@@ -174,6 +184,9 @@ AngleSource = Annotated[
 ]
 ForceSource = Annotated[
     str, AllowedValues(lambda text: source_of(text, WRENCH_STAMPED_TYPE) and text, SOURCE_FORM)
+]
+OrientationSource = Annotated[
+    str, AllowedValues(lambda text: (text and orientation_source(text), text)[1], SOURCE_FORM)
 ]
 ANGLE_SOURCE_MEANING = (
     "topic of the angles, of type JointState or dynamic_joint_states; "

@@ -68,6 +68,24 @@ class TopicSource(NamedTuple):
     """Whether messages are stamped with the time of their arrival"""
 
 
+IMU_TYPE, IMU_FIELD = "sensor_msgs/msg/Imu", "orientation"
+"""Type of messages of an orientation without one in their source, and the field with the quaternion"""
+
+
+@cache
+def orientation_source(text: str) -> TopicSource:
+    """Return the source of a quaternion that a text describes, with the fields x, y, z, w; see `source_of`.
+
+    Raises:
+        ValueError: the text does not describe a source of one field.
+    """
+    source = source_of(text, IMU_TYPE)
+    path = source.fields[0].path if source.fields else (IMU_FIELD,)
+    if len(source.fields) > 1:
+        raise ValueError("allowed: TOPIC, or TOPIC TYPE FIELD of one quaternion")
+    return source._replace(fields=tuple(MessageNumber((*path, part), 1.0) for part in "xyzw"))
+
+
 @cache
 def source_of(text: str, own_type: str) -> TopicSource:
     """Return the source that a text describes; without a type its messages are of the input's `own_type`.
@@ -85,7 +103,8 @@ def source_of(text: str, own_type: str) -> TopicSource:
         return TopicSource(topic, kind, (), bool(arrival))
     # The type may be given as pkg/Type or pkg/msg/Type.
     package, *_, name = kind.split("/")
-    numbers = tuple(_number(each, FIELD_UNITS[own_type]) for each in fields.split(","))
+    units = FIELD_UNITS.get(own_type, {})
+    numbers = tuple(_number(each, units) for each in fields.split(","))
     return TopicSource(topic, f"{package}/msg/{name}", numbers, bool(arrival))
 
 

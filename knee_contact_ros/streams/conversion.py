@@ -4,8 +4,10 @@ A `Converter` reads a message by the definition of its type: the installed one l
 same, and so are the bits. The usual inputs need no converter and cost nothing.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_typestore
@@ -26,10 +28,15 @@ from .columns import BYTES, FIXED
 from .messages import JointState, RefusedSampleError, WrenchStamped
 from .topics import NANOSECONDS, types_in, typestore
 
+if TYPE_CHECKING:
+    from .orientations import OrientationJoin
+
 Types = Callable[[TopicSource, str], Typestore]
 """Returns the definitions of a source's type and of all types in it; errors name the given parameter"""
-Convert = Callable[[bytes, int], bytes]
-"""Converts the bytes of a message that arrived at a time [ns] to those of the message for a pipeline"""
+Convert = Callable[[bytes, int], list[bytes]]
+"""Converts the bytes of a message that arrived at a time [ns] to those of the messages for a pipeline, mostly of one"""
+Take = Callable[[int, str, list[float]], list[bytes]]
+"""Takes stamp [ns], frame and numbers of a message, and returns as `Convert`"""
 ANY = "*"
 """Wildcard in the name of a joint, for the id of the followed body"""
 
@@ -91,16 +98,23 @@ class Converter:
     """Converter of the messages of a source; see `converters`."""
 
     def __init__(
-        self, source: TopicSource, by: str, types: Types, joints: Sequence[str], body: Body
+        self,
+        source: TopicSource,
+        by: str,
+        types: Types,
+        joints: Sequence[str],
+        body: Body,
+        take: Take | None = None,
     ) -> None:
         """Prepare to read the messages of a source, which the parameter `by` describes.
 
-        They give the angles of `joints` of a `body`, or, without joints, a force.
+        They give the angles of `joints` of a `body`, or, without joints, a force; or numbers that a function takes.
 
         Raises:
             UsageError: the type is not known, lacks a field or has no stamp, or the field is not a number.
         """
         self._source, self._by, self._joints, self._body = source, by, joints, body
+        self._take = take
         self._store: Typestore | None = None
         self._stamped = ""
         if source.fields:
@@ -118,19 +132,19 @@ class Converter:
                     f"'{ON_ARRIVAL}' behind the field, and the answers depend on when its messages arrive"
                 )
 
-    def __call__(self, data: bytes, arrived: int) -> bytes:
+    def __call__(self, data: bytes, arrived: int) -> list[bytes]:
         """Bytes of the JointState or WrenchStamped, or those of a refusal if the message cannot be converted."""
         try:
             return self._converted(data, arrived)
         except RefusedSampleError as refused:
-            return messages.refusal(refused)
+            return [messages.refusal(refused)]
         except Exception as error:  # whatever broken bytes provoke
             text = (
                 f"{self._source.topic}: {len(data)} bytes are not a {self._source.type}: {error}"
             )
-            return messages.refusal(RefusedSampleError("undecodable", text))
+            return [messages.refusal(RefusedSampleError("undecodable", text))]
 
-    def _converted(self, data: bytes, arrived: int) -> bytes:
+    def _converted(self, data: bytes, arrived: int) -> list[bytes]:
         source = self._source
         messages.check_size(data, source.topic)
         if self._store:
@@ -142,12 +156,11 @@ class Converter:
         if self._joints:
             state = messages.JOINT_STATE.read_message(data, source.topic)[0]
             state = state._replace(stamp=arrived) if source.on_arrival else state
-            return messages.encode_joint_state(self._body.named(state))
-        return messages.encode_wrench_stamped(
-            messages.WRENCH.read_message(data, source.topic)[0]._replace(stamp=arrived)
-        )
+            return [messages.encode_joint_state(self._body.named(state))]
+        wrench = messages.WRENCH.read_message(data, source.topic)[0]._replace(stamp=arrived)
+        return [messages.encode_wrench_stamped(wrench)]
 
-    def _from_fields(self, message: Any, arrived: int) -> bytes:
+    def _from_fields(self, message: Any, arrived: int) -> list[bytes]:
         source = self._source
         stamp, frame_id = arrived, ""
         if self._stamped == "header" and source.on_arrival:
@@ -160,10 +173,11 @@ class Converter:
         elif self._stamped and not source.on_arrival:
             stamp = messages.checked_time(message.stamp, source.topic)
         numbers = [number_at(message, field, source) for field in source.fields]
+        if self._take:
+            return self._take(stamp, frame_id, numbers)
         if self._joints:
-            return messages.encode_joint_state(
-                JointState(stamp, frame_id, tuple(self._joints), tuple(numbers), (), ())
-            )
+            state = JointState(stamp, frame_id, tuple(self._joints), tuple(numbers), (), ())
+            return [messages.encode_joint_state(state)]
         up = (
             -1.0 if self._by == Parameters.force_source else 1.0
         )  # a load compresses, the ground pushes
@@ -171,27 +185,42 @@ class Converter:
             numbers = [0.0, -numbers[0], 0.0, 0.0, 0.0, numbers[1]]
         x, y, z, *torque = numbers if len(numbers) > 1 else (0.0, up * numbers[0], 0.0)
         moments = (torque[0], torque[1], torque[2]) if torque else (0.0, 0.0, 0.0)
-        return messages.encode_wrench_stamped(WrenchStamped(stamp, frame_id, (x, y, z), moments))
+        wrench = WrenchStamped(stamp, frame_id, (x, y, z), moments)
+        return [messages.encode_wrench_stamped(wrench)]
 
 
 def converters(
-    parameters: Parameters | LoadParameters, types: Types
-) -> tuple[Convert | None, Convert | None]:
-    """Converters of the angles and of the forces; None where messages need no conversion.
+    parameters: Parameters | LoadParameters, types: Types, joined: OrientationJoin | None = None
+) -> tuple[Convert | None, Convert | None, Convert | None]:
+    """Converters of the angles (or the shank's orientations), the forces, and the thigh's orientations.
+
+    They are None where messages need no conversion. `joined` joins the orientations; None: a new one.
 
     Raises:
         UsageError: see `Converter`.
     """
     angles, forces = parameters.inputs()
     joints, body = list(parameters.joints().values()), Body(parameters)
+    thigh = parameters.thigh()
+    of_thigh = of_shank = None
+    if thigh and isinstance(parameters, Parameters):
+        from .orientations import OrientationJoin
+
+        both = joined or OrientationJoin(parameters)
+        of_thigh = Converter(thigh, "orientations.thigh", types, joints, body, both.add_thigh)
+        of_shank = Converter(angles, "orientations.shank", types, joints, body, both.add_shank)
     is_usual = angles == TopicSource(angles.topic, JOINT_STATE_TYPE, (), on_arrival=False)
     return (
-        None
-        if is_usual and not body.has_id
-        else Converter(angles, "knee.source", types, joints, body),
+        of_shank
+        or (
+            None
+            if is_usual and not body.has_id
+            else Converter(angles, "knee.source", types, joints, body)
+        ),
         Converter(forces, parameters.force_source, types, (), body)
         if forces.fields or forces.on_arrival
         else None,
+        of_thigh,
     )
 
 
