@@ -21,26 +21,18 @@ def c3d_header(path: Path) -> Header:
     Raises:
         UsageError: the file cannot be read, or has another number of names than of columns.
     """
-    require("c3d", "ezc3d")
-    import ezc3d
-
-    try:
-        read: Any = ezc3d.c3d(str(path))
-    except (OSError, ValueError, RuntimeError) as error:
-        raise UsageError(f"cannot read {path}: {error}") from None
+    read = read_c3d(path)
     points = read["data"]["points"][:3]
     analogs = read["data"]["analogs"][0]
     timing = read["header"]["points"]
     rows = points.shape[2]
-    if not rows:
-        raise UsageError(f"{path} has no points over time")
     point, analog = read["parameters"]["POINT"], read["parameters"]["ANALOG"]
-    labels = _names(path, point, "points", points.shape[1])
+    labels = point_names(path, read)
     channels = _names(path, analog, "analog channels", len(analogs))
     columns = [
         (timing["first_frame"] + np.arange(rows)) / timing["frame_rate"],
         *points.transpose(1, 0, 2).reshape(-1, rows),
-        *_at_frames(analogs, rows),
+        *at_frames(analogs, rows),
     ]
     stems = [label.rpartition(":")[2] for label in labels]
     names = [f"{stem}.{axis}" for stem in stems for axis in "XYZ"]
@@ -52,6 +44,38 @@ def c3d_header(path: Path) -> Header:
         data=np.column_stack(columns),
         units=dict(enumerate(units)),
     )
+
+
+def read_c3d(path: Path, *, plates: bool = False) -> Any:
+    """Read a C3D file, with the force `plates` if they are wanted.
+
+    Raises:
+        UsageError: the file cannot be read, or has no points over time.
+    """
+    require("c3d", "ezc3d")
+    import ezc3d
+
+    try:
+        read: Any = ezc3d.c3d(str(path), extract_forceplat_data=plates)
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UsageError(f"cannot read {path}: {error}") from None
+    if not read["data"]["points"].shape[2]:
+        raise UsageError(f"{path} has no points over time")
+    return read
+
+
+def point_names(path: Path, read: Any) -> list[str]:
+    """Return the names of the points of a C3D file.
+
+    Raises:
+        UsageError: it has another number of names.
+    """
+    return _names(path, read["parameters"]["POINT"], "points", read["data"]["points"].shape[1])
+
+
+def first_text(group: Any, name: str) -> str:
+    """Return the first text of a parameter; empty without one."""
+    return "".join(texts(group, name)[:1])
 
 
 def texts(group: Any, name: str) -> list[str]:
@@ -81,15 +105,15 @@ def _point_units(point: Any, labels: list[str]) -> list[str]:
     """Return the unit that the file states of each point; empty if it does not tell markers and results apart."""
     kinds = {kind: texts(point, kind) for kind in _KINDS}
     of_results = {
-        label: "".join(texts(point, f"{kind[:-1]}_UNITS")[:1])
+        label: first_text(point, f"{kind[:-1]}_UNITS")
         for kind, listed in kinds.items()
         for label in listed
     }
-    of_markers = "".join(texts(point, "UNITS")[:1]) if of_results else ""
+    of_markers = first_text(point, "UNITS") if of_results else ""
     return [of_results.get(label, of_markers) for label in labels]
 
 
-def _at_frames(analogs: Floats, rows: int) -> Floats:
+def at_frames(analogs: Floats, rows: int) -> Floats:
     """Return analog channels, shape (channels, samples), at the times of `rows` frames, averaged over two frames each.
 
     So hum and what else is faster than frames can show does not become an offset. A mean over a frame before and one

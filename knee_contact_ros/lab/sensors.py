@@ -20,6 +20,7 @@ from . import checks, gait_bag
 from .cells import DAY
 from .gait_bag import Gait, Signal
 from .headers import Header, TableFormat, header_of
+from .plates import Plates, ground_channels
 from .tables import Table, TimeColumn, TimeSeries, is_time, read_columns
 from .units import (
     ColumnName,
@@ -224,6 +225,10 @@ class SensorMap(Section):
     net_moment: SignedChannel | None = Field(
         None, description="its net moment without an actuator's, positive if it extends the knee"
     )
+    plates: Plates | None = Field(
+        None,
+        description="foot on the force plates of a C3D file, in place of the channels ground_*",
+    )
     side: Annotated[str, one_of("right", "left")] = "right"
     body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
     rate: float = Field(
@@ -253,6 +258,8 @@ class SensorMap(Section):
         for name, whole in parts.items():
             if getattr(self, name) is not None and getattr(self, whole) is None:
                 raise ValueError(f"{name} needs {whole}")
+        if self.plates and self.ground_force:
+            raise ValueError("allowed: either plates or ground_force")
         return self
 
 
@@ -266,13 +273,16 @@ def run_import_csv(
             `anyway` also if they are unlikely. Nothing is written then.
     """
     sensors = read_map(maps)
-    if not (sensors.load or sensors.ground_force or sensors.net_force):
+    if not (sensors.load or sensors.ground_force or sensors.plates or sensors.net_force):
         raise UsageError(
-            f"map {maps[-1]}: load: is missing, or ground_force: or net_force: for estimate-load; only align needs none"
+            f"map {maps[-1]}: load: is missing, or ground_force:, plates: or net_force: for estimate-load; only align "
+            "needs none"
         )
     gait_bag.check_bag_output(output, overwrite)
     channels = read_channels(files, sensors, _IMPORTED)
     channels = _with_thigh(channels)
+    if sensors.plates:
+        channels |= _of_plates(files, sensors.plates, sensors)
     doubts = _check_channels(channels, sensors, anyway)
     gait = _gait_of(channels, sensors)
     likely = checks.convention_doubts(gait, sensors.body_weight)
@@ -295,6 +305,24 @@ def _with_thigh(channels: dict[str, TimeSeries]) -> dict[str, TimeSeries]:
     notes = (*hip.notes, *pelvis.notes)
     thigh = hip._replace(columns=columns, values=hip.values - tilt, notes=notes)
     return {**channels, "hip": thigh}
+
+
+def _of_plates(files: Sequence[Path], plates: Plates, sensors: SensorMap) -> dict[str, TimeSeries]:
+    """Read the ground's wrench on the foot from the force plates of the one C3D file.
+
+    Raises:
+        UsageError: there is no such file, or more than one; see `ground_channels`.
+    """
+    named = [
+        path
+        for path in files
+        if path.suffix.lower() == ".c3d" and fnmatchcase(path.name, plates.file or "*")
+    ]
+    if len(named) != 1:
+        raise UsageError(
+            f"map: plates: {len(named)} C3D files are given; say which with plates.file"
+        )
+    return ground_channels(named[0], plates, sensors.side, _GROUND_CHANNELS, sensors.time.offset)
 
 
 def _check_channels(
@@ -321,11 +349,10 @@ def _check_channels(
             doubts += checks.joint_doubts(series)
         elif "assistance" in name:
             doubts += checks.torque_doubts(series)
-    if ground and sensors.ground_force:
+    if ground:
         checks.check_upright(ground.values, ground.where)
-        doubts += checks.peak_doubts(
-            ground, sensors.ground_force.unit, weight, *checks.GROUND_PEAKS
-        )
+        unit = sensors.ground_force.unit if sensors.ground_force else None
+        doubts += checks.peak_doubts(ground, unit, weight, *checks.GROUND_PEAKS)
     if sensors.net_force:
         net = channels["net_force"], channels["net_moment"]
         doubts += checks.net_doubts(*net, sensors.net_force.unit, weight)
@@ -358,7 +385,15 @@ def _suggestion(error: ValidationError) -> str:
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
-    sections = (SensorMap, TableFormat, TimeColumn, AngleChannel, LoadChannel, Orientations)
+    sections = (
+        SensorMap,
+        TableFormat,
+        TimeColumn,
+        AngleChannel,
+        LoadChannel,
+        Orientations,
+        Plates,
+    )
     names = [name for section in sections for name in section.model_fields]
     return f"; {suggest(str(first['loc'][-1]), names)}"
 
@@ -613,6 +648,7 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
         UsageError: there is no such time, or fewer than two samples are left.
     """
     signals = {name: _signal(series) for name, series in channels.items()}
+    of_plates = _GROUND_CHANNELS if sensors.plates else ()
     gap = sensors.max_gap
     joints = {
         sensors.angle.joint if angle == "angle" else angle: [
@@ -638,7 +674,7 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
         sensors.side,
         joints,
         wrenches,
-        signals,
+        {name: each for name, each in signals.items() if name not in of_plates},
         rate=sensors.rate,
         max_gap=gap,
         beyond=NANOSECONDS,
