@@ -1,6 +1,8 @@
 """What tests need that need not be installed."""
 
+import os
 import re
+import shutil
 from collections import Counter
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -45,5 +47,10 @@ HAS_REPORT = has_at_least("matplotlib", 3, 7)
 HAS_PICTURE = find_spec("matplotlib") is not None
 """Whether it is there at all: any version draws the knee at its peak"""
 needs_viewer = pytest.mark.skipif(not HAS_VIEWER, reason="needs the extra viewer")
+needs_compiler = pytest.mark.skipif(
+    not shutil.which(os.environ.get("CC", "cc")),
+    reason="needs a compiler (Debian: apt install gcc)",
+)
+"""The reference solver of the studies is in C"""
 needs_opensim = pytest.mark.skipif(find_spec("opensim") is None, reason="needs the extra opensim")
 """OpenSim is not imported here: that sets LD_LIBRARY_PATH to PATH, and no ROS process could be started by the tests"""

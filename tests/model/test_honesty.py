@@ -13,8 +13,9 @@ from studies.honesty.judging import judge
 from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
 from studies.honesty.truth import reference
+from tests.helpers.needs import needs_compiler
 
-pytestmark = pytest.mark.filterwarnings("ignore:the knee turns at up to")
+pytestmark = [needs_compiler, pytest.mark.filterwarnings("ignore:the knee turns at up to")]
 """These motions are faster than any knee's"""
 
 

@@ -12,6 +12,7 @@ from knee_contact_ros.model import contact
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import Fidelity, Status
 from studies.honesty.changes import SEGMENTS, rows
+from tests.helpers.needs import needs_compiler
 from tests.helpers.scenes import law, model
 from tests.model.scenes import PAIRS, fast, signed
 
@@ -130,6 +131,7 @@ def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name):
     assert seen > 0
 
 
+@needs_compiler
 @pytest.mark.parametrize("seed", range(1_000_000, 1_000_010))
 def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed):
     """Four changes of law, constants, mass, tolerance and level, with a budget and without, against the reference."""

@@ -7,8 +7,11 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 pytest.importorskip("numba", reason="needs the extra compile")
 
 from studies.honesty.cut import rows
+from tests.helpers.needs import needs_compiler
 from tests.helpers.scenes import law, model
 from tests.model.scenes import ellipse, signed, thrown
+
+pytestmark = needs_compiler
 
 
 def test_a_motion_that_is_cut_otherwise_has_the_same_answers():
