@@ -30,6 +30,7 @@ from .model.types import (
     Rows,
     Status,
 )
+from .system.arguments import checked
 from .system.errors import UsageError
 from .system.files import not_installed
 
@@ -199,6 +200,7 @@ class Results(Records):
             variables, coords={TIME: variables.pop(TIME)}, attrs=attributes(self.parameters)
         )
 
+    @checked
     def to_parquet(self, path: str | PathLike[str]) -> None:
         """Write the columns of `to_polars` to a Parquet file; a file of the same name is replaced.
 

@@ -108,7 +108,11 @@ class Bag:
         """Whether messages are compressed one by one"""
         self.files: list[BagFile] = []
         """Open files, in the order of recording"""
-        if not path.exists():
+        try:
+            is_there = path.exists()
+        except OSError:  # the name is too long
+            is_there = False
+        if not is_there:
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
         with ExitStack() as opened:
             try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,12 +42,14 @@ def paired(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.95) -> pd
     import pandas as pd
     from scipy.stats import t
 
+    if not (isinstance(first, pd.DataFrame) and isinstance(second, pd.DataFrame)):
+        raise UsageError("paired: first and second must be data frames of pandas")
     if len(first) != len(second) or len(first) < 2:
         raise UsageError(
             f"paired: {len(first)} and {len(second)} rows are not allowed; as many of each, and at least two"
         )
-    if not 0.0 < level < 1.0:
-        raise UsageError(f"paired: level {level:g} is not allowed; between 0 and 1")
+    if not (isinstance(level, Real) and 0.0 < level < 1.0):
+        raise UsageError(f"paired: level {level!r} is not allowed; between 0 and 1")
     rows = {}
     for name in first.select_dtypes("number"):
         if name not in second.select_dtypes("number"):

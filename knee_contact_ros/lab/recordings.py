@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..bags.bag import Bag
 from ..bags.names import OWN_NAMES, Names
 from ..bags.provenance import Provenance
+from ..model.arrays import InputError, plain_array
 from ..model.inputs import InputCheck
 from ..model.types import NANOSECOND, Floats, Rows, Status
 from ..offline.bag_parameters import resolved_parameters
@@ -123,14 +124,15 @@ def recording_from_arrays(gait: Mapping[str, ArrayLike], parameters: Parameters)
     if not {*needed} <= {*gait} <= {*allowed}:
         inputs = f"these parameters need {', '.join(needed)} and allow {', '.join(allowed)}"
         raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {inputs}")
-    columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
+    try:
+        columns = {name: plain_array(name, column) for name, column in gait.items()}
+    except InputError as error:
+        raise UsageError(f"gait: {error}") from None
     time = columns["time"]
-    shapes = {column.shape for column in columns.values()}
-    if len(shapes) > 1 or time.ndim != 1 or not len(time):
+    if len({len(column) for column in columns.values()}) > 1 or not len(time):
         raise UsageError("gait: the arrays must be one-dimensional and of equal length")
-    finite = all(np.isfinite(column).all() for column in columns.values())
-    if not finite or any(map(np.ma.is_masked, gait.values())):
-        raise UsageError("gait: the arrays must be finite, and not masked")
+    if not all(np.isfinite(column).all() for column in columns.values()):
+        raise UsageError("gait: the arrays must be finite")
     stamps = np.rint(time / NANOSECOND).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
         raise UsageError("gait: time must increase")

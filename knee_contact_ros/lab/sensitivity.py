@@ -24,6 +24,7 @@ from ..offline.notebooks import Name
 from ..parameters.files import ParameterSource
 from ..parameters.sections import first_error
 from ..results import missing_attribute
+from ..system.arguments import checked
 from ..system.errors import UsageError
 from ..system.files import DEFAULT_PARAMETERS
 from .outcomes import LATERAL_OUTCOME, OUTCOMES
@@ -127,7 +128,8 @@ def check_outcomes(names: Sequence[str]) -> tuple[str, ...]:
     Raises:
         ValueError: the list is empty, or a name is unknown or given twice.
     """
-    if not names or not set(names) <= set(ALL_OUTCOMES) or len(set(names)) < len(names):
+    known = all(name in [*ALL_OUTCOMES] for name in names)
+    if not names or not known or len(set(names)) < len(names):
         raise ValueError(f"some of {', '.join(ALL_OUTCOMES)}, each once")
     return tuple(names)
 
@@ -339,6 +341,7 @@ def joined_table(analysed: Mapping[str, Analysed]) -> pd.DataFrame:
     return pd.concat(tables)[INDEX_COLUMNS]
 
 
+@checked
 def sensitivity(
     gait: Name | Mapping[str, ArrayLike],
     ranges: Mapping[str, Any],

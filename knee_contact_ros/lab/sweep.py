@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..parameters.files import (
     load_parameters,
 )
 from ..results import Records, missing_attribute
+from ..system.arguments import checked
 from ..system.errors import UsageError
 from ..system.files import DEFAULT_PARAMETERS, expand_user
 from .knees import Knees, check_may_vary, compute, file_texts, idle_doubt
@@ -88,6 +90,7 @@ class Cohort:
         return table
 
 
+@checked
 def sweep(
     gait: Name | Mapping[str, ArrayLike],
     values: Mapping[str, ArrayLike],
@@ -163,7 +166,18 @@ def sweep(
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     """Return the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
-    columns = {name: np.asarray(column) for name, column in dotted(values).items()}
+    try:
+        columns = {name: np.asarray(column) for name, column in dotted(values).items()}
+    except ValueError:  # rows of several lengths
+        raise UsageError("values: arrays of one length, or single values are allowed") from None
+    strange = [
+        name
+        for name, column in columns.items()
+        if column.dtype.kind not in "biufU"
+        and not all(isinstance(each, str | Real) for each in column.ravel())
+    ]
+    if strange:
+        raise UsageError(f"values: {', '.join(strange)}: numbers or texts are allowed")
     check_may_vary(columns)
     try:
         (count,) = np.broadcast_shapes((1,), *(column.shape for column in columns.values()))

@@ -28,6 +28,7 @@ from ..parameters.curves import curve_files
 from ..parameters.files import ParameterSource, all_values, dotted, known_parameters
 from ..parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
 from ..results import missing_attribute
+from ..system.arguments import checked
 from ..system.errors import UsageError, suggest
 from ..system.files import expand_user, read_mapping
 from ..system.progress import OnProgress, no_progress, progress
@@ -356,6 +357,7 @@ class Uncertainty:
         raise missing_attribute(self, name)
 
 
+@checked
 def uncertainty(
     bag: Name | None = None,
     params: ParameterSource | None = None,

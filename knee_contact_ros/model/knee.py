@@ -7,6 +7,8 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Real
+from operator import index
 from struct import Struct
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import run_state, ticks
+from .arrays import InputError, check_answers, plain_array
 from .closest import Closest
 from .contact import KneeConstants
 from .inputs import MOST_PLAUSIBLE_LOAD, InputCheck
@@ -210,17 +213,15 @@ class KneeModel:
         if femoral_height is not None:
             given.append(femoral_height)
         names = f"time, {_listed(_SAMPLE[: len(given) - 1])}"
-        if any(map(np.ma.is_masked, given)):
-            raise ValueError(f"{names} must not be masked")
-        columns = [np.asarray(column, dtype=float) for column in given]
+        columns = [plain_array(names, column, None) for column in given]
         times, angles, loads, *heights = columns
         if any(column.ndim != 1 or column.shape != times.shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)
-            raise ValueError(f"{names} must be one-dimensional and of equal length, got {shapes}")
+            raise InputError(f"{names} must be one-dimensional and of equal length, got {shapes}")
         _check_limits(columns[1:])
         stamps = np.rint(times / NANOSECOND)
         if not (np.abs(times) < LARGEST_TIME).all() or (np.diff(stamps) <= 0.0).any():
-            raise ValueError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
+            raise InputError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
         self.check_drive(bool(heights))
         durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
         height = heights[0] if heights else np.full(len(times), math.nan)
@@ -261,7 +262,8 @@ class KneeModel:
             raise ValueError(
                 "no readouts: contact.femoral_radius must be below contact.tibial_radius"
             )
-        return self.patch.readouts(self.law, answers)
+        fields = ("stamp", "status", "contact_state", "contact_force", "cartilage_depth")
+        return self.patch.readouts(self.law, check_answers(answers, "penetration_depth", *fields))
 
     def uncertainty(self, answers: Rows, load_deviation: Any) -> Readings:
         """Compute the uncertainty of force and depth that follows from the load's, from answers of this model.
@@ -289,7 +291,11 @@ class KneeModel:
             >>> (1e6 * knee.uncertainty(answers, load_deviation=50.0).penetration_depth).round(1)
             array([20.4, 19.7, 18.9])
         """
-        return load_uncertainty(self.law, answers, load_deviation)
+        known = check_answers(answers, "load", "contact_force", "penetration_depth")
+        given = plain_array("load_deviation", load_deviation, None)
+        if given.ndim and given.shape != known.shape:
+            raise InputError(f"load_deviation must have shape {known.shape}, got {given.shape}")
+        return load_uncertainty(self.law, known, given)
 
     def ringing(self, answers: Rows) -> Floats:
         """Compute how far the contact force of answers of this model rings [N], shape (n,), in their order in time.
@@ -304,7 +310,8 @@ class KneeModel:
             >>> print(f"{abs(printed.ringing(answers)).max():.0f} N")
             39 N
         """
-        return Ringing(self).add_answers(answers)
+        fields = ("contact_force", "stamp", "flexion_angle", "load", "status")
+        return Ringing(self).add_answers(check_answers(answers, *fields))
 
     def check_drive(self, height_given: bool) -> None:
         """Reject a series that does not fit the drive.
@@ -430,8 +437,10 @@ class Stream:
             >>> load_model().stream().tick(time=0.0, flexion_angle=0.3, load=800.0).contact_force
             800.0
         """
+        if not isinstance(time, Real):
+            raise InputError("time must be a number")
         if not abs(time) < LARGEST_TIME:
-            raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
+            raise InputError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
         return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
     def tick_ns(
@@ -458,9 +467,14 @@ class Stream:
         if self._height_prescribed or femoral_height is not None:
             self.model.check_drive(femoral_height is not None)
         height = math.nan if femoral_height is None else femoral_height
-        allowed = -LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE
-        allowed = allowed and -LARGEST_LOAD <= load <= LARGEST_LOAD
-        if not allowed or (femoral_height is not None and not abs(height) <= LARGEST_HEIGHT):
+        try:
+            stamp = index(stamp)
+            allowed = -LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE
+            allowed = allowed and -LARGEST_LOAD <= load <= LARGEST_LOAD
+            allowed = allowed and (femoral_height is None or abs(height) <= LARGEST_HEIGHT)
+        except (TypeError, ValueError):
+            raise InputError("time, flexion_angle, load and height must be numbers") from None
+        if not allowed:
             _refuse(flexion_angle, load, femoral_height)
         last = self._stamp
         if last is None:
@@ -468,7 +482,7 @@ class Stream:
         elif stamp > last:
             duration = (stamp - last) * NANOSECOND
         else:
-            raise ValueError(f"time must increase: {stamp} ns after {last} ns")
+            raise InputError(f"time must increase: {stamp} ns after {last} ns")
         self._answered_stamp[0] = stamp
         _SAMPLE_LAYOUT.pack_into(self._sample_bytes, 0, duration, flexion_angle, load, height)
         self._compute()
@@ -524,10 +538,10 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
     names = _listed(_SAMPLE[: len(given)])
     got = ", ".join(map(str, given))
     if not all(map(math.isfinite, given)):
-        raise ValueError(f"{names} must be finite, got {got}")
+        raise InputError(f"{names} must be finite, got {got}")
     limits = f"{LARGEST_ANGLE:g} rad", f"{LARGEST_LOAD:g} N", f"{LARGEST_HEIGHT:g} m"
     listed = _listed(limits[: len(given)])
-    raise ValueError(f"{names} must not exceed {listed}, got {got}{degrees_hint(angle)}")
+    raise InputError(f"{names} must not exceed {listed}, got {got}{degrees_hint(angle)}")
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from ..model.types import NANOSECOND
 from ..results import Results, columns, unit_of
 from ..streams.strides import Span, Stride, at_stamps, strides_of
+from ..system.arguments import checked
 from ..system.errors import UsageError
 from ..system.files import require
 
@@ -39,6 +40,7 @@ class Gait(Results):
         [{'duration': 1.23, 'peak_force': 1557.13}]
     """
 
+    @checked
     def strides(self, body_weight: float | None = None) -> Any:  # type: ignore[override]
         """Return a `pandas.DataFrame` with a row for each whole stride; `attrs["units"]` has the units of its columns.
 
@@ -73,6 +75,7 @@ class Gait(Results):
         table.attrs["units"] = STRIDE_UNITS
         return table
 
+    @checked
     def cycles(
         self, points: int = 101, *, of: str = "cycle", body_weight: float | None = None
     ) -> Any:

@@ -43,6 +43,7 @@ from ..streams.messages import (
 )
 from ..streams.topics import JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, NANOSECONDS, NET_LOAD
 from ..streams.watch import parameter_doubts
+from ..system.arguments import checked
 from ..system.errors import UsageError, join_faults, list_names
 from ..system.files import DEFAULT_PARAMETERS, expand_user
 from ..system.output_files import check_output
@@ -72,6 +73,7 @@ ARGUMENTS = (
 """Options in a command's messages, as regular expressions, and the Python arguments that replace them"""
 
 
+@checked
 def load_model(
     source: ParameterSource = DEFAULT_PARAMETERS,
     *,
@@ -108,6 +110,7 @@ def load_model(
     return model
 
 
+@checked
 def solve(
     bag: Name | None = None,
     params: ParameterSource | None = None,
@@ -304,6 +307,7 @@ def _bag_of(bag: Name | Mapping[str, ArrayLike]) -> Iterator[Path]:
         yield path
 
 
+@checked
 def estimate_load(
     bag: Name | Mapping[str, ArrayLike],
     params: Any = None,

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..model.arrays import check_answers
 from ..model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
 from .gait_events import (
     HEEL_STRIKE,
@@ -274,7 +275,8 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
         >>> print(f"{stride.span.duration:.2f} s, {stride.peak_force:.0f} N")
         1.23 s, 1557 N
     """
+    answers = np.asarray(check_answers(series, *(ROW.names or ())))
     strides = Strides(body_weight)
     model = getattr(series, "model", None)
     ringing = model.ringing(series) if model else None
-    return strides.add_answers(np.asarray(series), ringing) + strides.finish_strides()
+    return strides.add_answers(answers, ringing) + strides.finish_strides()

@@ -22,6 +22,7 @@ from ...parameters.load_schema import LoadParameters
 from ...parameters.schema import Parameters
 from ...results import Results, missing_attribute
 from ...streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
+from ...system.arguments import checked
 from ...system.errors import UsageError
 from ...system.files import DEFAULT_PARAMETERS, expand_user, require, split_rule
 from ...system.output_files import (
@@ -108,6 +109,7 @@ class Calibration:
 
 
 @in_python_words()
+@checked
 def calibrate(
     table: Name | Sequence[Name] | Mapping[str, Any] | Any,
     params: Any = None,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...model.arrays import InputError, plain_array
 from ...model.knee import KneeModel
 from ...model.types import Floats, Status
 from ...parameters.build import build_model, contact_pair, retuned
@@ -91,6 +92,8 @@ def measured_from(
     Raises:
         UsageError: columns are missing, or values make no sense.
     """
+    if not (isinstance(table, Mapping) or hasattr(table, "columns")):
+        raise UsageError(f"{source}: needed are a file, bags, or columns by name")
     columns = {str(name): _column(table, name, source) for name in table}
     loads = [name for name in ("load", "axial_load") if name in columns]
     if len(loads) == 2:
@@ -170,12 +173,9 @@ def _column(table: Any, name: Any, source: str) -> Floats:
             f"{source}: column {name or repr(name)} is not known; {suggest(str(name), [*UNITS])}"
         )
     try:
-        column = np.array(table[name], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise UsageError(f"{source}: column {name} must hold numbers") from None
-    if column.ndim != 1:
-        raise UsageError(f"{source}: column {name} has shape {column.shape}; allowed is (n,)")
-    return column
+        return plain_array(f"column {name}", table[name]).copy()
+    except InputError as error:
+        raise UsageError(f"{source}: {error}") from None
 
 
 def fittable() -> list[str]:
