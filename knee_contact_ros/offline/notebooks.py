@@ -62,7 +62,6 @@ from .solve_blocks import AnswerBlock
 from .summary import Summary
 
 Name = str | PathLike[str]
-EXAMPLES = {"values": "{'contact.damping': 0.0}", "remap": "{'joint_states': '/exo/joint_states'}"}
 ARGUMENTS = (
     (r"--remap '?([\w/~]+):=([\w/~]+)'?", r"remap={'\1': '\2'}"),
     (r"--namespace '?([\w/]+)'?", r"namespace='\1'"),
@@ -222,7 +221,6 @@ def solve_inputs(
     Raises:
         UsageError: an argument cannot be used.
     """
-    check_mappings(values, remap)
     person = Subject(expand_user(str(subject))) if subject else None
     path = expand_user(str(bag)) if bag else person.bag if person else None
     if path is None:
@@ -235,17 +233,6 @@ def solve_inputs(
 def remap_rules(remap: Mapping[str, str] | None) -> list[str]:
     """Return rules `FROM:=TO` as on the command line."""
     return [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
-
-
-def check_mappings(values: object, remap: object) -> None:
-    """Refuse arguments `values` and `remap` that are not mappings.
-
-    Raises:
-        UsageError: one of them is not a mapping.
-    """
-    for name, mapping in (("values", values), ("remap", remap)):
-        if mapping is not None and not isinstance(mapping, Mapping):
-            raise UsageError(f"{name}: {mapping!r} is not allowed; a mapping, as {EXAMPLES[name]}")
 
 
 def _joined(blocks: Sequence[Rows]) -> Gait:
@@ -345,7 +332,6 @@ def estimate_load(
         387 1595 N
     """
     with in_python_words(), _bag_of(bag) as path:
-        check_mappings(values, remap)
         sources = (
             params if isinstance(params, (list, tuple)) else [] if params is None else [params]
         )
