@@ -19,7 +19,7 @@ def plain_array(name: str, values: ArrayLike, dimensions: int | None = 1) -> Flo
         InputError: they are no numbers, or masked, or have another number of dimensions.
     """
     if np.ma.is_masked(values):
-        raise InputError(f"{name} must not be masked")
+        raise InputError(f"{name} must be finite, and not masked")
     try:
         array = np.asarray(values)
         if array.dtype.kind in "cmM":
@@ -28,7 +28,7 @@ def plain_array(name: str, values: ArrayLike, dimensions: int | None = 1) -> Flo
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be numbers in an array") from None
     if dimensions is not None and array.ndim != dimensions:
-        raise InputError(f"{name} must have shape (n,), and has {array.shape}")
+        raise InputError(f"{name} has shape {array.shape}; allowed is (n,)")
     return array
 
 

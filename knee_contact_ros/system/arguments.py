@@ -12,6 +12,8 @@ from .errors import UsageError
 
 P = ParamSpec("P")
 T = TypeVar("T")
+EXAMPLES = {"values": "{'contact.damping': 0.0}", "remap": "{'joint_states': '/exo/joint_states'}"}
+"""Examples of arguments, by their names"""
 _KINDS: dict[Any, tuple[type, str]] = {
     float: (Real, "a number"),
     int: (Integral, "a whole number"),
@@ -46,9 +48,9 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
             if allowed and not isinstance(value, tuple(allowed)):
                 what = " ".join(repr(value).split())
                 what = what if len(what) < 60 else f"{what[:60]}..."
-                raise UsageError(
-                    f"{name}: {what} is not allowed; {', or '.join(allowed.values())}"
-                )
+                words = ", or ".join(allowed.values())
+                words = f"a mapping, as {EXAMPLES[name]}" if name in EXAMPLES else words
+                raise UsageError(f"{name}: {what} is not allowed; {words}")
         return function(*args, **kwargs)
 
     return call
