@@ -140,7 +140,7 @@ def sweep(
             parameters = load_parameters(params)
             recording = recording_from_arrays(gait, parameters)
             for sentence in recording.doubts:
-                warnings.warn(sentence, stacklevel=2)
+                warnings.warn(sentence, stacklevel=3)  # with `checked`
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
             with Bag(expand_user(str(gait))) as bag:
@@ -155,7 +155,7 @@ def sweep(
     rings = [f"of some cases {ringing_sentence(computed.ringing)}"] if computed.ringing else []
     idle = idle_doubt(parameters, [name for name in dotted(values) if len(cases) > 1])
     for sentence in [*rings, *idle]:
-        warnings.warn(sentence, stacklevel=2)
+        warnings.warn(sentence, stacklevel=3)  # with `checked`
     medial, lateral = (rows.view(Records) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     both = computed.has(1).any()

@@ -380,6 +380,8 @@ class Session(ABC):
 
     def _on_timer(self) -> None:
         """Note the lag, and do the regular work while no answers come, or what they come too rarely for."""
+        if not self._timer:
+            return  # the executor had it in hand when it was destroyed
         self.health.counts.note_timer(self._wait_period)
         before, self._ticks_before = self._ticks_before, self.pipeline.ticks
         overdue = self._wait_period if before < self.pipeline.ticks else 0.0

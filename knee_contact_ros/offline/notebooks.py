@@ -105,7 +105,7 @@ def load_model(
     plain = build_model(parameters, curves=curve_texts(parameters, curves))
     model = replace(plain, compiled=compiled, results=Gait)
     for doubt in parameter_doubts(parameters, model):
-        warnings.warn(doubt, stacklevel=2)
+        warnings.warn(doubt, stacklevel=3)  # `checked` lies between
     return model
 
 
@@ -194,7 +194,7 @@ def warn_of(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) 
             f"bag {bag} is damaged, and {done} as far as {possible}: {join_faults(damage)}"
         )
     for sentence in filter(None, sentences):
-        warnings.warn(in_python(sentence), stacklevel=3)
+        warnings.warn(in_python(sentence), stacklevel=4)  # with `checked`
 
 
 def _models(basis: Parameters | Provenance) -> list[KneeModel]:
