@@ -124,7 +124,7 @@ def propagated(
     )
 
 
-@in_kernel
+@inlined
 def beside_delay(error: Error, rate: float, acceleration: float, relaxation: float) -> float:
     """Return a bound of the error [m] that is no delay, for a depth with this rate [m/s] and a femur's acceleration.
 
@@ -141,7 +141,7 @@ def beside_delay(error: Error, rate: float, acceleration: float, relaxation: flo
     ) + SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
 
 
-@in_kernel
+@inlined
 def with_step_error(
     error: Error, h: float, v: float, deviation: float, relaxation: float, beside: float
 ) -> Error:

@@ -318,7 +318,8 @@ def error_after_step(
     )
     in_layer = max(begin.stage.depth, step.end.depth) - float(mode.knee.law[mode.layer, BEGIN])
     error = with_curvature(error, beside, in_layer, k, c, mass, h)
-    error = with_independent_bound(error, missed_graze(mode, begin.stage, step.end, h), 0.0)
+    if begin.stage.rate > 0.0 > step.end.rate:
+        error = with_independent_bound(error, missed_graze(mode, begin.stage, step.end, h), 0.0)
     if step.implicit:
         crept, swung = unresolved_motion(mode, begin, step, h)
         if crept + swung > 0.0:
@@ -335,8 +336,6 @@ def missed_graze(mode: Mode, begin: Stage, end: Stage, h: float) -> float:
     By a parabola through the step, the depth x beyond the layer and the time t up to there: the other dashpot takes
     4/3 c t/m of x, at most all. A parabola may be wrong by a part of its height.
     """
-    if not begin.rate > 0.0 > end.rate:
-        return 0.0
     law, slowing = mode.knee.law, (begin.rate - end.rate) / h
     rise = 0.5 * begin.rate * begin.rate / slowing
     beyond = begin.depth + (1.0 + GRAZE_DOUBT) * rise - float(law[mode.layer + 1, BEGIN])
