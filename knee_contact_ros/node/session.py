@@ -379,25 +379,26 @@ class Session(ABC):
         return self._recorded_knee(self.parameters.model_copy(update=update))
 
     def _on_timer(self) -> None:
-        """Note the lag, and do the regular work while no answers come, or what they come too rarely for."""
+        """Note the lag; do the regular work while no answers come, or they come too rarely; end subscriptions."""
         if not self._timer:
             return  # the executor had it in hand when it was destroyed
         self.health.counts.note_timer(self._wait_period)
         before, self._ticks_before = self._ticks_before, self.pipeline.ticks
         overdue = self._wait_period if before < self.pipeline.ticks else 0.0
         self._work.do_due(time.perf_counter() - overdue, math.inf)
+        # Not after an answer, as that is in a callback of the subscriptions that end here:
+        self._transforms.leave_moving()
+        for stream in self._every_input:
+            stream.adapt_reliability()
 
     def _answer_late(self) -> None:
-        """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
+        """Answer loads whose angle is late; say what the frame lets doubt; free some memory."""
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
         self.health.tell_first_second(self.inputs)
-        self._transforms.leave_moving()
         if self.pipeline.frame.doubt not in ("", self._frame_doubt):
             self._frame_doubt = self.pipeline.frame.doubt
             self.node.get_logger().warning(self._frame_doubt)
-        for stream in self._every_input:
-            stream.adapt_reliability()
         gc.collect(0)  # often and little: in a second there is much to look through
 
     def _publish_all(self, answers: Iterator[Any]) -> None:
