@@ -25,7 +25,8 @@ from ..system.errors import UsageError
 from ..system.output_files import check_name_free, check_not_input, write_complete
 from ..system.terminal import as_json, print_json, safe_cell, say, show_table, warn
 from . import checks
-from .sensors import AngleChannel, read_channels, read_map
+from .sensor_map import AngleChannel, read_map
+from .sensors import read_channels
 from .tables import TimeSeries
 from .units import unit_factor
 

@@ -5,22 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
 
 from ..model.types import Floats, Stamps
-from ..parameters.sections import Section, first_error, one_of
 from ..streams.topics import NANOSECONDS, NET_LOAD
 from ..system.errors import UsageError, list_names, suggest
-from ..system.files import find_file, read_mapping
 from ..system.output_files import work_folder
 from . import checks, gait_bag
 from .cells import DAY
 from .gait_bag import Gait, Signal
-from .headers import Header, TableFormat, header_of
+from .headers import Header, header_of
 from .plates import Plates, ground_channels
+from .sensor_map import (
+    GROUND_CHANNELS,
+    IMPORTED,
+    JOINT_CHANNELS,
+    AngleChannel,
+    MapChannel,
+    SensorMap,
+    read_map,
+)
 from .tables import Table, TimeColumn, TimeSeries, is_time, read_columns
 from .units import (
     ColumnName,
@@ -29,238 +35,6 @@ from .units import (
     unit_factor,
     unit_name,
 )
-
-_GROUND_CHANNELS = (
-    "ground_force_x",
-    "ground_force",
-    "ground_force_z",
-    "ground_torque_x",
-    "ground_torque_y",
-    "ground_torque_z",
-)
-"""Channels of the ground's wrench in the order of its components; an insole has only the second"""
-_JOINT_CHANNELS = {"angle": "assistance", "hip": "", "ankle": "ankle_assistance"}
-"""Channels of joint angles, with those of the torques of their actuators"""
-_IMPORTED = (
-    *_JOINT_CHANNELS,
-    "pelvis",
-    *filter(None, _JOINT_CHANNELS.values()),
-    "load",
-    "moment",
-    "net_force",
-    "net_moment",
-    *_GROUND_CHANNELS,
-)
-
-
-class MapChannel(Section):
-    """A column, or a weighted sum of columns, of one file."""
-
-    column: ColumnName | None = Field(None, description="name, or place from 1")
-    columns: dict[ColumnName, float] | None = Field(
-        None, min_length=1, description="names or places, with weights"
-    )
-    unit: str = Field(description="of the sum")
-    scale: float = Field(1.0, description="which the sum is multiplied by, as a calibration says")
-    offset: float = Field(
-        0.0, description="in `unit`, added at the end, behind scale, sign and direction"
-    )
-    file: str = Field(
-        "",
-        description="pattern of the file's name, like *_motion.csv, if several have such columns",
-    )
-    time: TimeColumn | None = Field(
-        None, description="its own, where it has another clock or unit than the map's `time`"
-    )
-
-    @model_validator(mode="after")
-    def _one_way(self) -> MapChannel:
-        ways = self.column, self.columns, getattr(self, "orientations", None)
-        if sum(way is not None for way in ways) != 1:
-            raise ValueError("allowed: either column or columns")
-        if self.scale == 0.0 or not any(self.weights.values()):
-            raise ValueError("allowed: a scale and at least one weight that are not 0")
-        return self
-
-    @property
-    def weights(self) -> dict[ColumnName, float]:
-        """Weights by the names or places of the columns."""
-        return self.columns or ({} if self.column is None else {self.column: 1.0})
-
-    @property
-    def orientation(self) -> float:
-        """Factor, 1 or -1, that converts the quantity to our sign."""
-        return 1.0
-
-
-class SignedChannel(MapChannel):
-    """Angle of a joint, torque of its actuator, or a component of the ground's wrench."""
-
-    sign: Annotated[float, one_of(1.0, -1.0)] = Field(
-        1.0, description="1 if it is positive as ours is, or -1"
-    )
-
-    @property
-    def orientation(self) -> float:
-        """Factor, 1 or -1, that converts the quantity to our sign."""
-        return self.sign
-
-
-class Orientations(Section):
-    """Orientations of two inertial sensors as quaternions, in columns of one file."""
-
-    thigh: ColumnName | list[ColumnName] = Field(
-        description="columns w, x, y, z; or what stands before .w, .x, .y, .z in their names"
-    )
-    shank: ColumnName | list[ColumnName] = Field(description="likewise")
-    standing: float = Field(
-        1.0,
-        ge=0.0,
-        le=3600.0,
-        description="[s] of standing at the beginning, which is the zero; 0: the axes agree in a straight knee",
-    )
-
-    @property
-    def names(self) -> list[ColumnName]:
-        """Columns of the thigh's quaternion, then of the shank's."""
-        return [
-            name
-            for given in (self.thigh, self.shank)
-            for name in (
-                given if isinstance(given, list) else [f"{given}.{part}" for part in "wxyz"]
-            )
-        ]
-
-    @model_validator(mode="after")
-    def _whole(self) -> Orientations:
-        if len(set(self.names)) != 8:
-            raise ValueError("allowed: four different columns of each, w, x, y, z")
-        return self
-
-
-class AngleChannel(SignedChannel):
-    """Flexion angle of the knee."""
-
-    joint: str = Field(gait_bag.JOINT, min_length=1, description="name in joint_states")
-    orientations: Orientations | None = Field(
-        None, description="of thigh and shank, in place of a column and its unit"
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _in_radians(cls, values: Any) -> Any:
-        if isinstance(values, dict) and values.get("orientations"):
-            return {"unit": "rad", **values}
-        return values
-
-    @property
-    def weights(self) -> dict[ColumnName, float]:
-        """Weights by the names or places of the columns."""
-        return (
-            dict.fromkeys(self.orientations.names, 1.0) if self.orientations else super().weights
-        )
-
-
-class LoadChannel(MapChannel):
-    """Axial load of the knee: the force that the femur exerts on the tibia, along the tibia."""
-
-    direction: Annotated[str, one_of("compression", "tension")] = Field(
-        "compression",
-        description="what a positive sum is; tension: as force.y of OpenSim's reaction on the tibia",
-    )
-
-    @property
-    def orientation(self) -> float:
-        """Factor, 1 or -1, that converts the quantity to our sign."""
-        return -1.0 if self.direction == "tension" else 1.0
-
-
-class SensorMap(Section):
-    """Content of a map."""
-
-    table: TableFormat = TableFormat()
-    time: TimeColumn = TimeColumn()
-    angle: AngleChannel = Field(description="knee, positive in flexion")
-    hip: SignedChannel | None = Field(
-        None, description="thigh to the vertical, positive with the knee ahead"
-    )
-    pelvis: SignedChannel | None = Field(
-        None,
-        description="its forward tilt, where `hip` is the angle of the thigh to the pelvis; taken off `hip`",
-    )
-    ankle: SignedChannel | None = Field(
-        None, description="positive in dorsiflexion, 0 at a right angle"
-    )
-    assistance: SignedChannel | None = Field(
-        None, description="torque of an actuator at the knee, in its angle's sense"
-    )
-    ankle_assistance: SignedChannel | None = Field(
-        None, description="torque at the ankle, in its angle's sense"
-    )
-    reference: AngleChannel | None = Field(
-        None, description="the angle that align compares `angle` with"
-    )
-    load: LoadChannel | None = None
-    moment: MapChannel | None = Field(
-        None,
-        description="frontal moment about the middle of the plateau; > 0 loads the lateral compartment more",
-    )
-    ground_force: SignedChannel | None = Field(
-        None, description="vertical force of the ground on the foot, upwards"
-    )
-    ground_force_x: SignedChannel | None = Field(None, description="forwards")
-    ground_force_z: SignedChannel | None = Field(None, description="to the right")
-    ground_torque_x: SignedChannel | None = Field(
-        None, description="about the ankle's centre, forwards"
-    )
-    ground_torque_y: SignedChannel | None = Field(
-        None, description="about the ankle's centre, upwards"
-    )
-    ground_torque_z: SignedChannel | None = Field(
-        None, description="about the ankle's centre, to the right"
-    )
-    net_force: LoadChannel | None = Field(
-        None, description="axial force of the knee without muscles, by inverse dynamics"
-    )
-    net_moment: SignedChannel | None = Field(
-        None, description="its net moment without an actuator's, positive if it extends the knee"
-    )
-    plates: Plates | None = Field(
-        None,
-        description="foot on the force plates of a C3D file, in place of the channels ground_*",
-    )
-    side: Annotated[str, one_of("right", "left")] = "right"
-    body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
-    rate: float = Field(
-        0.0, ge=0.0, le=1e4, description="[Hz] of interpolation; 0: every row keeps its stamp"
-    )
-    max_gap: float = Field(
-        0.1,
-        gt=0.0,
-        le=3600.0,
-        description="[s] between rows, beyond which nothing is interpolated",
-    )
-    missing: Annotated[str, one_of("refuse", "leave_out")] = Field(
-        "refuse",
-        description="what to do with a row that has no number (empty, NaN) where one is needed",
-    )
-
-    @model_validator(mode="after")
-    def _complete(self) -> SensorMap:
-        parts = {
-            "ankle_assistance": "ankle",
-            "pelvis": "hip",
-            "moment": "load",
-            "net_force": "net_moment",
-            "net_moment": "net_force",
-            **dict.fromkeys(_GROUND_CHANNELS, "ground_force"),
-        }
-        for name, whole in parts.items():
-            if getattr(self, name) is not None and getattr(self, whole) is None:
-                raise ValueError(f"{name} needs {whole}")
-        if self.plates and self.ground_force:
-            raise ValueError("allowed: either plates or ground_force")
-        return self
 
 
 def run_import_csv(
@@ -279,7 +53,7 @@ def run_import_csv(
             "needs none"
         )
     gait_bag.check_bag_output(output, overwrite)
-    channels = read_channels(files, sensors, _IMPORTED)
+    channels = read_channels(files, sensors, IMPORTED)
     channels = _with_thigh(channels)
     if sensors.plates:
         channels |= _of_plates(files, sensors.plates, sensors)
@@ -322,7 +96,7 @@ def _of_plates(files: Sequence[Path], plates: Plates, sensors: SensorMap) -> dic
         raise UsageError(
             f"map: plates: {len(named)} C3D files are given; say which with plates.file"
         )
-    return ground_channels(named[0], plates, sensors.side, _GROUND_CHANNELS, sensors.time.offset)
+    return ground_channels(named[0], plates, sensors.side, GROUND_CHANNELS, sensors.time.offset)
 
 
 def _check_channels(
@@ -336,7 +110,7 @@ def _check_channels(
     load = channels.get("load")
     ground = channels.get("ground_force")
     weight = sensors.body_weight
-    for name in _JOINT_CHANNELS:
+    for name in JOINT_CHANNELS:
         if name in channels:
             checks.refuse(checks.impossible(channels[name], load))
     unit = sensors.load.unit if sensors.load else None
@@ -358,44 +132,6 @@ def _check_channels(
         doubts += checks.net_doubts(*net, sensors.net_force.unit, weight)
     checks.refuse(doubts, anyway)
     return doubts + (checks.unusual(load, weight) if load else [])
-
-
-def read_map(paths: Sequence[Path]) -> SensorMap:
-    """Read a map from YAML files, later ones overriding earlier ones; shipped maps may be given by their short names.
-
-    Raises:
-        UsageError: a file cannot be read, or has a name or value that is not allowed.
-    """
-    content: dict[str, Any] = {}
-    for path in paths:
-        shipped = find_file(f"maps/{path}.yaml")
-        source = shipped if not path.exists() and shipped.exists() else path
-        for name, value in read_mapping(source, "map", "names to values").items():
-            before = content.get(name)
-            merged = isinstance(before, Mapping) and isinstance(value, Mapping)
-            content[name] = {**before, **value} if merged else value  # type: ignore[dict-item]
-    try:
-        return SensorMap.model_validate(content)
-    except ValidationError as error:
-        raise UsageError(f"map {paths[-1]}: {first_error(error)}{_suggestion(error)}") from None
-
-
-def _suggestion(error: ValidationError) -> str:
-    """Suggest the name that is closest to an unknown one; empty for other errors."""
-    first = error.errors()[0]
-    if first["type"] != "extra_forbidden":
-        return ""
-    sections = (
-        SensorMap,
-        TableFormat,
-        TimeColumn,
-        AngleChannel,
-        LoadChannel,
-        Orientations,
-        Plates,
-    )
-    names = [name for section in sections for name in section.model_fields]
-    return f"; {suggest(str(first['loc'][-1]), names)}"
 
 
 def read_channels(
@@ -512,7 +248,7 @@ def _on_one_clock(read: dict[_Part, Table], offset: int) -> dict[_Part, Table]:
 
 def _dimension(name: str) -> Dimension:
     """Return the dimension of a channel."""
-    if name in {*_JOINT_CHANNELS, "pelvis", "reference"}:
+    if name in {*JOINT_CHANNELS, "pelvis", "reference"}:
         return "angle"
     return (
         "moment" if any(part in name for part in ("moment", "torque", "assistance")) else "force"
@@ -648,13 +384,13 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
         UsageError: there is no such time, or fewer than two samples are left.
     """
     signals = {name: _signal(series) for name, series in channels.items()}
-    of_plates = _GROUND_CHANNELS if sensors.plates else ()
+    of_plates = GROUND_CHANNELS if sensors.plates else ()
     gap = sensors.max_gap
     joints = {
         sensors.angle.joint if angle == "angle" else angle: [
             signals[name] for name in (angle, torque) if name in signals
         ]
-        for angle, torque in _JOINT_CHANNELS.items()
+        for angle, torque in JOINT_CHANNELS.items()
         if angle in signals
     }
     wrenches = {}
@@ -668,7 +404,7 @@ def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
             # Adding 0 makes minus 0 a 0.
             wrenches[name] = wrench._replace(values=wrench.values * upwards + 0.0)
     if "ground_force" in channels:
-        wrenches["ground_force"] = _wrench(channels, _GROUND_CHANNELS, "ground_force", np.nan, gap)
+        wrenches["ground_force"] = _wrench(channels, GROUND_CHANNELS, "ground_force", np.nan, gap)
     # Angles are kept for a second before and after the loads, as long as `pairing.angle_delay` can be.
     gait = gait_bag.sampled(
         sensors.side,
