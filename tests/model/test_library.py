@@ -28,7 +28,7 @@ from knee_contact_ros.model.kernel import found_library, library_file
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from studies.honesty import ours
 from studies.honesty.scenes import draw
-from tests.helpers.package import copy_of_the_package
+from tests.helpers.package import WITHOUT_LIBRARY, copy_of_the_package
 from tests.helpers.scenes import law, model
 from tests.model.scenes import PAIRS, hopping, stepping
 
@@ -121,8 +121,6 @@ def used(folder, begin="", **environment):
 @needs_numba
 def test_an_edit_of_the_model_builds_it_again_once(tmp_path):
     package = copy_of_the_package(tmp_path)
-    library = library_file()
-    shutil.copy2(library, package / "model")
     as_built = used(tmp_path)
     assert as_built[1] == ""
     laws = package / "model" / "laws.py"
@@ -141,7 +139,7 @@ def test_an_edit_of_the_model_builds_it_again_once(tmp_path):
 def test_without_library_and_numba_the_plain_model_computes_and_says_so_once(
     tmp_path,
 ):
-    copy_of_the_package(tmp_path)
+    copy_of_the_package(tmp_path, WITHOUT_LIBRARY)
     (tmp_path / "numba.py").write_text("raise ImportError('not here')")
     hidden = "import importlib.util as u; find = u.find_spec\n"
     hidden += "u.find_spec = lambda name, *rest: None if name == 'numba' else find(name, *rest)\n"

@@ -28,7 +28,7 @@ from tests.helpers.forked import COMMAND
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import HAS_VIEWER, needs_viewer
 from tests.helpers.offline import solve
-from tests.helpers.package import copy_of_the_package
+from tests.helpers.package import WITHOUT_LIBRARY, copy_of_the_package
 from tests.helpers.patience import patience
 from tests.helpers.processes import has_ended, internet_sockets
 from tests.ros.conftest import (
@@ -292,7 +292,7 @@ def test_a_node_that_builds_the_model_ends_without_a_library(
     request,
 ):
     """At the moment when its second child has begun, which builds; the first one records."""
-    package = copy_of_the_package(tmp_path / "copy")
+    package = copy_of_the_package(tmp_path / "copy", WITHOUT_LIBRARY)
     monkeypatch.chdir(package.parent)
     node = start_node(f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
     process, begun = psutil.Process(node.process.pid), list[psutil.Process]()

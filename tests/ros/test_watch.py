@@ -13,21 +13,22 @@ from rclpy.node import Node
 
 from tests.helpers.terminals import Terminal
 
+PERIOD = 10_000_000
+"""[ns] between samples"""
 COMMAND = (str(Path(sys.executable).parent / "knee-contact"), "watch")
 
 
 def once(peer, *arguments, send=True):
-    """Code and words of a `watch --once`, while both inputs come at 100 Hz."""
+    """Code and words of a `watch --once`, while both inputs come at 100 Hz, also by their stamps."""
     process = subprocess.Popen(
         [*COMMAND, "--once", *arguments], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
-    count = 0
+    stamp = peer.node.get_clock().now().nanoseconds
     while process.poll() is None:
         if send:
-            stamp = peer.node.get_clock().now().nanoseconds
+            stamp += PERIOD
             peer.send(stamp, 0.5, 800.0)
-        peer.spin(0.01)
-        count += 1
+        peer.spin(PERIOD * 1e-9)
     return process.returncode, *process.communicate()
 
 
@@ -49,7 +50,9 @@ def test_scripts_read_rates_and_numbers(peer, start_node):
     assert 20.0 < answer["rate"] <= 110.0  # 100 Hz, on a machine that may be busy
     assert answer["age"] < 2.0
     assert report["diagnostics"]["joint_states"]["publishers"] == "1"
-    assert report["diagnostics"]["answers"]["level"] == "ok"
+    entry = report["diagnostics"]["answers"]
+    assert entry["message"] in peer.told  # the first answers of a busy machine may be unusable
+    assert (entry["level"] == "ok") == (entry["message"] == "ok")
     code, text, _ = once(peer)
     assert code == 0
     assert re.search(r"^usable +yes$", text, re.MULTILINE)
