@@ -28,8 +28,8 @@ TIME_LIMIT = 300.0
 """Time [s] after which the tests of a fault are ended; the fault is not found then"""
 FAILED = 1
 """Exit code of pytest if tests failed; another one means that it could not run them"""
-KERNEL = Path("knee_contact_ros/model/__pycache__")
-"""Folder of the compiled model; copied, so that only faults of the model compile it again"""
+LIBRARIES = "knee_contact_ros/model/*.so"
+"""Pattern of the compiled model, which is copied, so that only faults of the model compile it again"""
 
 
 class Mutant(NamedTuple):
@@ -396,8 +396,8 @@ def copy_of_the_project(folder: Path) -> Path:
         if (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
-    if (ROOT / KERNEL).is_dir():
-        shutil.copytree(ROOT / KERNEL, folder / KERNEL)
+    for library in ROOT.glob(LIBRARIES):
+        shutil.copy2(library, folder / library.relative_to(ROOT))
     return folder
 
 
