@@ -22,6 +22,7 @@ from rosbags.interfaces import MessageDefinition
 
 from ..parameters.sources import DYNAMIC_JOINT_STATES
 from ..streams.columns import Column
+from ..streams.gait_events import AFTER, GaitEvent
 from ..streams.topics import (
     GROUND_REACTION_FORCE,
     INPUTS,
@@ -71,6 +72,8 @@ ORIGIN = "origin"
 
 DOUBTS = "doubts"
 """Entry of that record with what the importer doubted, a sentence a line"""
+EVENTS = "gait_events"
+"""Entry of that record with heel strikes and toe-offs of the leg: stamp [ns] and kind, one a line"""
 DOUBTED = "the import doubted: "
 """Beginning of such a sentence, where a bag is computed"""
 
@@ -202,19 +205,33 @@ class Bag:
         return any(file.is_recording for file in self.files)
 
     @property
+    def origin(self) -> dict[str, str]:
+        """What an importer wrote about the bag's origin; empty if it is not imported."""
+        return self.first_metadata(ORIGIN) or {}
+
+    @property
     def body_weight(self) -> float | None:
         """Body weight [N] that an importer wrote into the bag; None if it names none."""
-        origin = self.first_metadata(ORIGIN) or {}
         try:
-            return float(origin.get("body_weight", "").removesuffix("N")) or None
+            return float(self.origin.get("body_weight", "").removesuffix("N")) or None
         except ValueError:
             return None
 
     @property
     def doubts(self) -> list[str]:
         """What an importer doubted, as sentences; also in what was computed from its bag."""
-        doubts = (self.first_metadata(ORIGIN) or {}).get(DOUBTS, "").splitlines()
+        doubts = self.origin.get(DOUBTS, "").splitlines()
         return [doubt if doubt.startswith(DOUBTED) else DOUBTED + doubt for doubt in doubts]
+
+    @property
+    def gait_events(self) -> list[GaitEvent]:
+        """Heel strikes and toe-offs that an importer read, in order; also in what was computed from its bag."""
+        events = []
+        for line in self.origin.get(EVENTS, "").splitlines():
+            stamp, _, kind = line.partition(" ")
+            if stamp.isdecimal() and kind in AFTER:
+                events.append(GaitEvent(int(stamp), kind, f"{kind}, as imported"))
+        return sorted(events)
 
     def first_metadata(self, name: str) -> dict[str, str] | None:
         """Return the content of the first metadata record of a name; None if there is none."""

@@ -36,6 +36,13 @@ anyway_option = click.option(
     is_flag=True,
     help="Write the bag although a value is probably a mistake. You get a warning instead.",
 )
+events_option = click.option(
+    "--events",
+    default="",
+    metavar="FILE|TIMES",
+    help="Gait events of the leg: a table with time [s], event and side, a C3D file, or times as 0.12,0.78,1.24 of "
+    "heel strike, toe-off, heel strike. [default: those of a C3D FILE, or found from angle and load]",
+)
 files_argument = click.argument("files", type=FILE, metavar="FILE...", nargs=-1, required=True)
 sensor_map_option = path_option(
     "--map",
@@ -140,6 +147,7 @@ sensor_map_option = path_option(
     "rosbag2 folder to write. With --side both: BAG_right and BAG_left.",
     replace="Replace a bag of that name.",
 )
+@events_option
 @anyway_option
 def import_opensim(**options: Any) -> None:
     """Make a gait bag from results of OpenSim, or run OpenSim first.
@@ -156,6 +164,7 @@ def import_opensim(**options: Any) -> None:
 @click.command("import-csv")
 @files_argument
 @sensor_map_option
+@events_option
 @output_option("BAG", "rosbag2 folder to write.", replace="Replace a bag of that name.")
 @anyway_option
 def import_csv(**options: Any) -> None:

@@ -239,7 +239,10 @@ def _draw(knees: Sequence[DrawnKnee], path: Path, overwrite: bool) -> None:
     try:
         for knee in knees:
             scene = Scene(
-                file.recording, knee.drawing, among=[each.drawing.knee for each in knees]
+                file.recording,
+                knee.drawing,
+                among=[each.drawing.knee for each in knees],
+                gait_events=knee.recording.gait_events,
             )
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, answers in _answers_of(knee, advance):

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..bags.bag import DOUBTS, ORIGIN
+from ..bags.bag import DOUBTS, EVENTS, ORIGIN
 from ..bags.folder import MCAP, folder_content
 from ..bags.metadata_file import METADATA
 from ..bags.recorder import BagWriter
 from ..model.types import Floats, Stamps
 from ..streams import topics
+from ..streams.gait_events import GaitEvent
 from ..streams.messages import (
     JointState,
     WrenchStamped,
@@ -126,6 +127,8 @@ class Gait(NamedTuple):
     """What is likely a mistake, as sentences"""
     weight: float | None = None
     """Body weight [N], if it is known"""
+    events: Sequence[GaitEvent] = ()
+    """Heel strikes and toe-offs, if they are known"""
 
 
 def common_window(
@@ -344,6 +347,8 @@ def store(
         origin |= more
         if gait.weight:
             origin["body_weight"] = f"{gait.weight:.7g} N"
+        if gait.events:
+            origin[EVENTS] = "\n".join(f"{each.stamp} {each.kind}" for each in gait.events)
         if gait.doubts:
             origin[DOUBTS] = "\n".join(gait.doubts)
         write_bag(gait, work / bag.name, origin)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..system.errors import UsageError
+from ..system.files import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +31,8 @@ def paired(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.95) -> pd
         `difference_sd`, the interval `low` to `high`, and the number `n` of pairs in which both are known.
 
     Raises:
-        UsageError: the tables have different numbers of rows, or fewer than two, or the level is not allowed.
+        UsageError: the tables have different numbers of rows, or fewer than two, or the level is not allowed;
+            or pandas is not installed.
 
     Example:
         >>> import pandas as pd
@@ -39,6 +41,7 @@ def paired(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.95) -> pd
         >>> paired(healthy, worn).loc["depth", ["difference", "low", "high"]].round(3).tolist()
         [-0.2, -0.225, -0.175]
     """
+    require("notebook", "pandas")
     import pandas as pd
     from scipy.stats import t
 

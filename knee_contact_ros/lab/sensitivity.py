@@ -26,7 +26,7 @@ from ..parameters.sections import first_error
 from ..results import missing_attribute
 from ..system.arguments import checked
 from ..system.errors import UsageError
-from ..system.files import DEFAULT_PARAMETERS
+from ..system.files import DEFAULT_PARAMETERS, require
 from .outcomes import LATERAL_OUTCOME, OUTCOMES
 from .study_file import Design, SpacedValues
 from .sweep import Cohort, sweep
@@ -377,8 +377,8 @@ def sensitivity(
     An implausible or damaged bag causes warnings.
 
     Raises:
-        UsageError: a range, outcome, parameter or gait is not allowed. Failed cases raise nothing: see `spoilt` and
-            `reason` of the outcomes.
+        UsageError: a range, outcome, parameter or gait is not allowed, or the extra sweep is not installed. Failed
+            cases raise nothing: see `spoilt` and `reason` of the outcomes.
 
     Example:
         >>> import numpy as np
@@ -395,6 +395,7 @@ def sensitivity(
         >>> indices.set_index("parameter").value.astype(float).idxmax()
         'contact.stiffness'
     """
+    require("sweep", "SALib", "pandas")
     content = {
         "method": method,
         "n": n,

@@ -15,6 +15,7 @@ from ..system.errors import UsageError, list_names, suggest
 from ..system.output_files import work_folder
 from . import checks, gait_bag
 from .cells import DAY
+from .events import with_events
 from .gait_bag import Gait, Signal
 from .headers import Header, header_of
 from .plates import Plates, ground_channels
@@ -38,9 +39,16 @@ from .units import (
 
 
 def run_import_csv(
-    files: Sequence[Path], maps: Sequence[Path], output: Path, overwrite: bool, anyway: bool
+    files: Sequence[Path],
+    maps: Sequence[Path],
+    output: Path,
+    overwrite: bool,
+    anyway: bool,
+    events: str,
 ) -> None:
     """Import files into the bag `output` by maps, later ones overriding earlier ones, and print a summary.
+
+    For `events` see `with_events`.
 
     Raises:
         UsageError: a file, the map or the output cannot be used, or the values are impossible for a knee; without
@@ -58,10 +66,10 @@ def run_import_csv(
     if sensors.plates:
         channels |= _of_plates(files, sensors.plates, sensors)
     doubts = _check_channels(channels, sensors, anyway)
-    gait = _gait_of(channels, sensors)
+    gait = with_events(_gait_of(channels, sensors), events, anyway, files, sensors.time.offset)
     likely = checks.convention_doubts(gait, sensors.body_weight)
     checks.refuse(likely, anyway)
-    gait = gait._replace(doubts=[*doubts, *likely])
+    gait = gait._replace(doubts=[*doubts, *likely, *gait.doubts])
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
     record = {"map": sensors.model_dump_json(exclude_defaults=True)}
     with work_folder(output.parent) as work:

@@ -25,7 +25,7 @@ from ..parameters.files import (
 from ..results import Records, missing_attribute
 from ..system.arguments import checked
 from ..system.errors import UsageError
-from ..system.files import DEFAULT_PARAMETERS, expand_user
+from ..system.files import DEFAULT_PARAMETERS, expand_user, require
 from .knees import Knees, check_may_vary, compute, file_texts, idle_doubt
 from .outcomes import LATERAL_OUTCOME, OUTCOMES, units_of
 from .recordings import read_recording, recorded_doubt, recording_from_arrays
@@ -77,7 +77,11 @@ class Cohort:
 
         Its `attrs["varied"]` are the names of the parameters that were varied, which are the first columns, and
         `attrs["units"]` the SI units of its columns.
+
+        Raises:
+            UsageError: pandas is not installed.
         """
+        require("sweep", "pandas")
         import pandas as pd
 
         columns: dict[str, Any] = dict(self.values)

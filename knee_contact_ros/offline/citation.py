@@ -4,7 +4,7 @@ import re
 import textwrap
 from typing import Any
 
-from ..bags.bag import ORIGIN, Bag
+from ..bags.bag import Bag
 from ..bags.provenance import OURS, Provenance, read_provenance, stored_load
 from ..model.laws import CONTACT_LAWS
 from ..parameters.build import law_constants
@@ -60,8 +60,7 @@ def citation(bag: Bag) -> dict[str, str]:
         values, changes = load
         package = (bag.first_metadata(LOAD_PROVENANCE) or {}).get("package", "")
         parts |= {"software": _software(package), **_of_load(values, changes)}
-    origin = bag.first_metadata(ORIGIN) or {}
-    if known := [f"{name}: {_short(origin[name])}" for name in _TO_CITE if origin.get(name)]:
+    if known := [f"{name}: {_short(text)}" for name in _TO_CITE if (text := bag.origin.get(name))]:
         parts["gait"] = "; ".join(known)
     if not parts:
         raise UsageError(

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..model.types import NANOSECOND
 from ..results import Results, columns, unit_of
+from ..streams.gait_events import GaitEvent
 from ..streams.strides import Span, Stride, at_stamps, strides_of
 from ..system.arguments import checked
 from ..system.errors import UsageError
@@ -39,6 +40,14 @@ class Gait(Results):
         >>> gait.strides()[["duration", "peak_force"]].round(2).to_dict("records")
         [{'duration': 1.23, 'peak_force': 1557.13}]
     """
+
+    gait_events: Sequence[GaitEvent] = ()
+    """Heel strikes and toe-offs that an importer read; where there are none, they are found from angle and load"""
+
+    def __array_finalize__(self, whole: Any) -> None:
+        """Keep the events of the array that this one is part of."""
+        super().__array_finalize__(whole)
+        self.gait_events = getattr(whole, "gait_events", ())
 
     @checked
     def strides(self, body_weight: float | None = None) -> Any:  # type: ignore[override]

@@ -182,6 +182,7 @@ def answers_of(
     for results, model in zip((medial, *lateral), _models(basis), strict=False):
         results.model = model
         results.parameters = flat_parameters(resolved_parameters(basis))
+        results.gait_events = bag.gait_events
     return medial, summary
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..bags.bag import DOUBTS, ORIGIN, Bag
+from ..bags.bag import DOUBTS, EVENTS, ORIGIN, Bag
 from ..bags.provenance import provenance_record
 from ..bags.recorder import AnswerWriter, BagWriter
 from ..parameters.load_schema import LoadParameters
@@ -75,7 +75,7 @@ def open_bag_output(
 ) -> Iterator[BagOutput]:
     """Open the output of a bag that is computed; its file is removed if computing fails.
 
-    `origin` and what the bag's importer doubted become its metadata record of that name.
+    `origin`, what the bag's importer doubted, and its gait events become its metadata record of that name.
 
     Raises:
         UsageError: the output is the bag, or cannot be written.
@@ -88,7 +88,8 @@ def open_bag_output(
         names = {topic: f"/{topic}" for topic in topics}
         record = provenance_record(parameters, curves, bag)
         output = BagOutput(AnswerWriter(writer, record, names, provenance_name))
-        if origin := {**origin, **({DOUBTS: "\n".join(bag.doubts)} if bag.doubts else {})}:
+        carried = {DOUBTS: "\n".join(bag.doubts), EVENTS: bag.origin.get(EVENTS, "")}
+        if origin := {**origin, **{name: text for name, text in carried.items() if text}}:
             output.write_note(ORIGIN, origin)
         yield output
 

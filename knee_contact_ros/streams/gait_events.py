@@ -24,7 +24,7 @@ bent and then extends. Within about 60 ms of the start and end of a recording an
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -116,9 +116,14 @@ class GaitEvents:
     The events do not depend on how the stream is cut into batches.
     """
 
-    def __init__(self, body_weight: float) -> None:
-        """Begin a stream of a person with this body weight [N]."""
+    def __init__(self, body_weight: float, known: Sequence[GaitEvent] = ()) -> None:
+        """Begin a stream of a person with this body weight [N].
+
+        `known` events take the place of those of their kinds that would be found; they lie within the samples, or up to
+        `NEARBY` before or behind them.
+        """
         self._body_weight = body_weight
+        self._known = known
         self._begin()
 
     def _begin(self) -> None:
@@ -163,13 +168,22 @@ class GaitEvents:
         """Return the newly certain events, sorted; forget old samples."""
         if not len(self._stamps):
             return []
+        first, last = int(self._stamps[0]), int(self._stamps[-1])
+        begin = first - NEARBY if self._looked < first else self._looked + 1
+        end = last + NEARBY * ended
+        kinds = {event.kind for event in self._known}
         window = Window(self._stamps, self._samples, self._body_weight, ended=ended)
-        new = {key: event for key, event in window.events(self._open) if key not in self._told}
-        self._looked, self._open = int(self._stamps[-1]), window.end - LONGEST_TURN - 1
+        new = {
+            key: event
+            for key, event in window.events(self._open)
+            if key not in self._told and event.kind not in kinds
+        }
+        known = [event for event in self._known if begin <= event.stamp <= end]
+        self._looked, self._open = last, window.end - LONGEST_TURN - 1
         self._told = {key for key in (*self._told, *new) if key[1] >= self._open}
         old = np.searchsorted(self._stamps, self._looked - KEPT)
         self._stamps, self._samples = self._stamps[old:], self._samples[old:]
-        return sorted(new.values())
+        return sorted([*new.values(), *known])
 
 
 class Window:

@@ -171,9 +171,9 @@ class Strides:
     (`GaitEvents`), about 0.4 s after it.
     """
 
-    def __init__(self, body_weight: float) -> None:
-        """Begin a stream of a person with this body weight [N]."""
-        self._finder = GaitEvents(body_weight)
+    def __init__(self, body_weight: float, known: Sequence[GaitEvent] = ()) -> None:
+        """Begin a stream of a person with this body weight [N]; for `known` events see `GaitEvents`."""
+        self._finder = GaitEvents(body_weight, known)
         self.events: list[GaitEvent] = []
         """Events that have become certain since the last `add` began"""
         self._begin()
@@ -262,7 +262,8 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
     """Find the strides in the answers of a run, as on the topic `knee_contact/stride`. Needs no ROS.
 
     Args:
-        series: Answers, shape (n,), of `KneeModel.run`, `solve` or `read_answers`.
+        series: Answers, shape (n,), of `KneeModel.run`, `solve` or `read_answers`. `solve` also knows the gait events
+            of an imported bag.
         body_weight: Body weight [N].
 
     Returns:
@@ -276,7 +277,7 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
         1.23 s, 1557 N
     """
     answers = np.asarray(check_answers(series, *(ROW.names or ())))
-    strides = Strides(body_weight)
+    strides = Strides(body_weight, getattr(series, "gait_events", ()))
     model = getattr(series, "model", None)
     ringing = model.ringing(series) if model else None
     return strides.add_answers(answers, ringing) + strides.finish_strides()

@@ -14,7 +14,7 @@ from rerun.urdf import UrdfTree
 from ..model.readouts import READOUTS_OF_LAW, Readings
 from ..model.types import MM, ContactState, Rows, Status, blank_answers
 from ..results import FIRST_DATE
-from ..streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF, runs
+from ..streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF, GaitEvent, runs
 from ..streams.strides import CERTAIN, Stride, Strides
 from ..streams.topics import LEG_URDF, NANOSECONDS, SHANK
 from ..system.files import share_folder
@@ -72,6 +72,7 @@ class Scene:
         pause: float = 0.0,
         forgetful: bool = False,
         among: Sequence[str] = (),
+        gait_events: Sequence[GaitEvent] = (),
     ) -> None:
         """Write the parts of the scene that do not change.
 
@@ -82,6 +83,7 @@ class Scene:
             pause: Pause [s] between two messages to Rerun.
             forgetful: Whether old data is dropped, so that states must be repeated.
             among: Names of all knees in the scene, for the colours of their curves if there are several.
+            gait_events: Those that an importer read, see `GaitEvents`.
         """
         self._recording = recording
         self._drawing = drawing
@@ -90,7 +92,7 @@ class Scene:
         self._among = among
         self._plots = plots.plots_of(drawing, latency)
         self._pictures = PictureChoice()
-        self._events = EventFinder(drawing.body_weight)
+        self._events = EventFinder(drawing.body_weight, gait_events)
         self._second_layer = drawing.second_layer
         self._law_known = True
         self._count = 0
@@ -309,11 +311,11 @@ class EventFinder:
     Answers come batch by batch; the result does not depend on the batches.
     """
 
-    def __init__(self, body_weight: float) -> None:
-        """Look for events relative to `body_weight` [N]."""
+    def __init__(self, body_weight: float, known: Sequence[GaitEvent] = ()) -> None:
+        """Look for events relative to `body_weight` [N]; for `known` ones see `GaitEvents`."""
         self._last_state = -1
         self._last_status = 0
-        self._strides = Strides(body_weight)
+        self._strides = Strides(body_weight, known)
         self._last_stamp: NDArray[np.int64] = np.empty(0, np.int64)  # of the answers before
         self._unsettled = list[tuple[int, str]]()  # stamps and kinds of gait events
         self._step, self._peak = (

@@ -26,7 +26,7 @@ body_weight: 700
 TIME = np.arange(150) / 50.0
 
 
-def write_c3d(labels, **point):
+def write_c3d(labels, event=(), **point):
     """A walk of 3 s at 50 Hz; points are 0 except RKneeAngles, FZ1 is the load at 500 Hz with hum of 50 and 25 Hz."""
     ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
     made = ezc3d.c3d()
@@ -39,8 +39,9 @@ def write_c3d(labels, **point):
         made["parameters"][kind]["LABELS"]["value"] = names
     made["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
     made["parameters"]["ANALOG"]["UNITS"]["value"] = ["N"]
-    for name, value in point.items():
-        made.add_parameter("POINT", name, value)
+    for group, entries in (("POINT", point), ("EVENT", dict(event))):
+        for name, value in entries.items():
+            made.add_parameter(group, name, value)
     made["data"]["points"] = points
     made["data"]["analogs"] = (load(fast) + hum)[None, None]
     made.write("walk.c3d")

@@ -20,6 +20,8 @@ TIME = np.arange(300) / 100.0
 FAST = np.arange(3000) / 1000.0
 ORIGIN = np.array([0.0, 0.0, -40.0])
 """From the middle of a plate's sensor to that of its surface [mm], in its axes, of which z points down"""
+SENSORS = np.array([120.0, 200.0, -40.0])
+"""Of a plate of type 3: half the distances between its four sensors, and `ORIGIN`'s height [mm]"""
 MIDDLES = {1: np.array([100.0, 1200.0, 0.0]), 2: np.array([130.0, 1900.0, 0.0])}
 """Middles of the plates [mm]: persons walk along y or back"""
 STANCES = {"L": (0.4, 1.0, 1), "R": (1.0, 1.6, 2)}
@@ -45,7 +47,13 @@ def raw_channels(number, kind, way):
     away = to_plate @ (turned * (centre - MIDDLES[number][:, None])) * (force[2] != 0.0)
     if kind == 1:
         return np.array([*force, *away[:2], 0 * FAST])
-    return np.vstack([force, np.cross((away + ORIGIN[:, None]).T, force.T).T])
+    moment = np.cross((away + ORIGIN[:, None]).T, force.T).T
+    if kind == 3:  # four sensors, which C3D's format numbers counter-clockwise seen from above
+        x, y, z = moment / np.array([SENSORS[1], SENSORS[0], SENSORS[1]])[:, None]
+        pairs = [force[0] - z, force[0] + z, force[1], force[1]]
+        corners = [force[2] + a * x + b * y for a, b in ((1, -1), (1, 1), (-1, 1), (-1, -1))]
+        return np.array([*(0.5 * np.array(pairs)), *(0.25 * np.array(corners))])
+    return np.vstack([force, moment])
 
 
 def write(kind=2, way=1, leave_out=()):
@@ -65,11 +73,13 @@ def write(kind=2, way=1, leave_out=()):
             offset = np.array([0 * TIME, ahead + step, height + 0 * TIME])
             points[f"{letter}{name}"] = turned * (start[:, None] + offset)
     names = [name for name in points if name not in leave_out]
-    for group, rate, labels in (("POINT", 100.0, names), ("ANALOG", 1000.0, [*"abcdefghijkl"])):
+    units = 8 * ["N"] if kind == 3 else [*3 * ["N"], *3 * ["Nmm"]]
+    channels = [f"channel {number}" for number in range(2 * len(units))]
+    for group, rate, labels in (("POINT", 100.0, names), ("ANALOG", 1000.0, channels)):
         made["parameters"][group]["RATE"]["value"] = [rate]
         made["parameters"][group]["LABELS"]["value"] = labels
     made["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    made["parameters"]["ANALOG"]["UNITS"]["value"] = 2 * ([*3 * ["N"], *3 * ["Nmm"]])
+    made["parameters"]["ANALOG"]["UNITS"]["value"] = 2 * units
     corners = []
     for place in MIDDLES.values():
         middle = turned[:, 0] * place
@@ -84,8 +94,8 @@ def write(kind=2, way=1, leave_out=()):
         "TYPE": [kind, kind],
         "ZERO": [1, 0],
         "CORNERS": np.transpose(corners, (2, 1, 0)),
-        "ORIGIN": np.stack([ORIGIN, ORIGIN], axis=1),
-        "CHANNEL": np.arange(1, 13).reshape(2, 6).T,
+        "ORIGIN": np.stack([SENSORS if kind == 3 else ORIGIN] * 2, axis=1),
+        "CHANNEL": 1 + np.arange(len(channels)).reshape(2, -1).T,
         **({"CAL_MATRIX": np.stack([np.eye(6)] * 2, axis=2)} if kind == 4 else {}),
     }
     for name, value in plates.items():
@@ -114,7 +124,7 @@ def wrenches():
 
 
 @pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize("kind", [1, 2, 4])
+@pytest.mark.parametrize("kind", [1, 2, 3, 4])
 def test_a_foot_is_found_on_its_plate_and_its_wrench_is_about_the_ankle(importing, kind, way):
     write(kind, way)
     assert importing(None, MAP, files=["walk.c3d"]) == 0

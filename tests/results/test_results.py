@@ -215,13 +215,26 @@ ABSENT = """
 import sys
 import knee_contact_ros
 results = knee_contact_ros.load_model().run([0.0], [0.3], [700.0])
-for name, method, arguments in (
-    ("pandas", "to_pandas", ()), ("polars", "to_parquet", ("x.parquet",)), ("xarray", "to_xarray", ()),
-    ("matplotlib", "plot", ()),
+ranges = {"contact.stiffness": (5e7, 1e8), "contact.damping": (2e3, 8e3)}
+gait = {"time": [0.0, 0.1], "flexion_angle": [0.3, 0.3], "axial_load": [1e3, 1e3]}
+cohort = knee_contact_ros.sweep(gait, {"contact.damping": [2e3]})
+for name, call in (
+    ("SALib", lambda: knee_contact_ros.sensitivity(gait, ranges)),
+    ("pandas", lambda: results.to_pandas()),
+    ("pandas", lambda: results.strides(700.0)),
+    ("pandas", lambda: results.cycles(body_weight=700.0)),
+    ("pandas", lambda: cohort.to_pandas()),
+    ("pandas", lambda: knee_contact_ros.paired(1, 2)),
+    ("polars", lambda: results.to_parquet("x.parquet")),
+    ("xarray", lambda: results.to_xarray()),
+    ("matplotlib", lambda: results.plot()),
+    ("iminuit", lambda: knee_contact_ros.calibrate(
+        {"time": [0.0, 0.1], "flexion_angle": [0.3, 0.3], "load": [1e3, 2e3], "penetration_depth": [1e-4, 2e-4]},
+        free=["contact.stiffness"])),
 ):
     sys.modules[name] = None
     try:
-        getattr(results, method)(*arguments)
+        call()
     except knee_contact_ros.UsageError as error:
         print(error)
 """
@@ -231,10 +244,11 @@ def test_a_missing_library_is_named_in_a_line():
     printed = subprocess.run(
         [sys.executable, "-c", ABSENT], capture_output=True, text=True, check=True
     ).stdout
-    names = ("pandas", "polars", "xarray", "matplotlib")
-    for line, name in zip(printed.splitlines(), names, strict=True):
+    names = ("SALib", *5 * ["pandas"], "polars", "xarray", "matplotlib", "iminuit")
+    extras = ("sweep", *3 * ["notebook"], "sweep", *4 * ["notebook"], "calibrate")
+    for line, name, extra in zip(printed.splitlines(), names, extras, strict=True):
         assert line.startswith(f"{name} is not installed; ")
-        assert "notebook" in line
+        assert f"[{extra}]" in line
 
 
 def test_parts_of_results_know_what_is_read_off_them(results):

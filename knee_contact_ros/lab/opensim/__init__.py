@@ -11,11 +11,12 @@ import numpy as np
 
 from ...streams.topics import NET_LOAD
 from ...system.errors import UsageError
-from ...system.files import require
+from ...system.files import is_file, require
 from ...system.output_files import work_folder
 from ...system.progress import progress
 from ...system.terminal import say
 from .. import checks, gait_bag
+from ..events import with_events
 from ..gait_bag import Gait, digest
 from ..tables import Table, TimeSeries, read_storage
 from . import leg as legs
@@ -56,6 +57,7 @@ def run_import_opensim(
     rate: float,
     angle_sign: str,
     anyway: bool,
+    events: str,
     **rest: Any,
 ) -> None:
     """Import results of OpenSim, or run OpenSim first; arguments are the options of the command, by name.
@@ -80,6 +82,10 @@ def run_import_opensim(
     if ground:
         require("opensim", "opensim")
         own |= {"ground": Path(ground), "ground_data": data_file(Path(ground))}
+    if side == "both" and events and not is_file(Path(events)):
+        raise UsageError(
+            "--events with times belongs to one leg; give --side right or left with it"
+        )
     bags = _bags_by_side(side, output, settings, overwrite)
     record: dict[str, str] = {}
     lines: list[str] = []
@@ -88,7 +94,10 @@ def run_import_opensim(
             folder = (work or temporary / "opensim").resolve()
             own, record, lines = _run_tools(setup, chosen, folder, ground)
         files = Files(**own)
-        gaits = {bag: read_knee(name, files, settings, temporary) for name, bag in bags.items()}
+        gaits = {
+            bag: with_events(read_knee(name, files, settings, temporary), events, anyway)
+            for name, bag in bags.items()
+        }
         warnings = [line for line in lines if line.startswith(DO_NOT_TRUST)]
         gaits = {
             bag: gait._replace(doubts=[*gait.doubts, *warnings]) for bag, gait in gaits.items()

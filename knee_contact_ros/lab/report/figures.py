@@ -267,7 +267,7 @@ def time_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
         caption = ""
         # More lines cannot be distinguished.
         if 0 < len(marks) <= 60:
-            caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found."
+            caption = "Vertical lines: heel strikes (full) and toe-offs (dotted)."
         title = f"{group[0].name} over time"
         with drawn(figures, kind, f"over_time_{number}", title, caption, 5.2) as canvas:
             axes = canvas.subplots(3, 1, sharex=True)

@@ -18,6 +18,7 @@ from ...streams.gait_events import (
     GAP,
     HEEL_STRIKE,
     LOAD_PEAK,
+    NEARBY,
     TOE_OFF,
     GaitEvent,
     GaitEvents,
@@ -129,7 +130,11 @@ class Gathered:
     """Totals, gait events, gait cycles and their curves of a run."""
 
     def __init__(
-        self, columns: Mapping[str, NDArray[Any]], body_weight: float, doubts: Doubts
+        self,
+        columns: Mapping[str, NDArray[Any]],
+        body_weight: float,
+        doubts: Doubts,
+        known: Sequence[GaitEvent] = (),
     ) -> None:
         """Gather them from answers.
 
@@ -138,6 +143,7 @@ class Gathered:
                 `READOUTS_OF_LAW` and the force's `ringing` [N].
             body_weight: body weight [N].
             doubts: doubts about the run's parameters, to which those about its answers are added.
+            known: gait events that an importer read, see `GaitEvents`.
         """
         self.columns = {**columns, "status": columns["status"].astype(np.int64)}
         self.doubts = doubts
@@ -161,13 +167,13 @@ class Gathered:
         events: list[dict[str, Any]] = []
         for begin, end in pairwise([*np.flatnonzero(begins).tolist(), self.ticks]):
             part = {name: column[begin:end] for name, column in self.columns.items()}
-            found = _events_in(part, body_weight)
+            found = _events_in(part, GaitEvents(body_weight, known))
             strikes = [each.stamp for each in found if each.kind == HEEL_STRIKE]
             toe_offs = [each.stamp for each in found if each.kind == TOE_OFF]
             self.strikes += max(len(strikes) - 1, 0)
             first = part["stamp"][0]
             since_first = int(self.elapsed[begin] - first)
-            whole = [span for span in spans(strikes, toe_offs) if first <= span.start]
+            whole = [span for span in spans(strikes, toe_offs) if first - NEARBY <= span.start]
             cycles += [_cycle(part, span) for span in whole]
             for event in found:
                 row = _event_row(part, event, body_weight)
@@ -217,9 +223,8 @@ def seconds(stamp: int) -> str:
     return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
 
 
-def _events_in(part: Mapping[str, NDArray[Any]], body_weight: float) -> list[GaitEvent]:
+def _events_in(part: Mapping[str, NDArray[Any]], finder: GaitEvents) -> list[GaitEvent]:
     """Find the gait events of answers without gaps, in the order of time."""
-    finder = GaitEvents(body_weight)
     found = finder.add_samples(part["stamp"], part["flexion_angle"], part["load"])
     return sorted(found + finder.finish_events())
 

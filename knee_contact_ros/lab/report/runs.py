@@ -441,7 +441,7 @@ def _read_run(bag: Bag, topic: str, basis: Parameters | Provenance, bar: Bar) ->
             for name in READOUTS_OF_LAW:
                 parts.setdefault(name, []).append(np.asarray(read[name]))
     columns = {name: np.concatenate(several) for name, several in parts.items()}
-    gathered = Gathered(columns, own.body_weight, doubts)
+    gathered = Gathered(columns, own.body_weight, doubts, bag.gait_events)
     try:
         refused = refused_samples(bag)
     except ValueError:
