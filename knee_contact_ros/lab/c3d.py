@@ -1,5 +1,7 @@
-"""C3D files of motion capture as tables: points, analog channels at the times of the points, and their units."""
+"""C3D files of motion capture as tables: points, analog channels at the times of the points, units, and gait events."""
 
+import re
+from collections.abc import Iterable
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -7,12 +9,24 @@ from typing import Any
 import numpy as np
 
 from ..model.types import Floats
-from ..system.errors import UsageError
+from ..streams.gait_events import HEEL_STRIKE, TOE_OFF
+from ..system.errors import UsageError, list_names
 from ..system.files import require
 from .headers import Header
 
 _KINDS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Parameters of the group POINT that list what a program computed; each has its unit, such as ANGLE_UNITS"""
+
+_EVENT = re.compile(
+    r"(r(?:ight)?|l(?:eft)?)?(?:((?:foot|heel)strike|(?:foot|heel|initial)contact|hs|fs|ic)|((?:foot|toe)off|to|fo))"
+)
+"""Leg, heel strike and toe-off in a label, of which only the letters are left: Foot Strike, RHS, left toe-off"""
+
+_MASSES = (15.0, 250.0)
+"""Smallest and largest mass [kg] that is taken for a body's; programs write 0 or 1 where nobody gave one"""
+
+LegEvent = tuple[float, str]
+"""Time [s] and kind of a gait event"""
 
 
 def c3d_header(path: Path) -> Header:
@@ -62,6 +76,41 @@ def read_c3d(path: Path, *, plates: bool = False) -> Any:
     if not read["data"]["points"].shape[2]:
         raise UsageError(f"{path} has no points over time")
     return read
+
+
+def c3d_mass(path: Path) -> float | None:
+    """Return the body mass [kg] that a C3D file states, as Vicon and C3D.org write it; None without a likely one."""
+    parameters = read_c3d(path)["parameters"]
+    for group, name in (("PROCESSING", "BODYMASS"), ("SUBJECT", "WEIGHT")):
+        for known, parameter in parameters.get(group, {}).items():
+            if known.upper() == name and len(mass := np.ravel(parameter["value"])):
+                return float(mass[0]) if _MASSES[0] <= mass[0] <= _MASSES[1] else None
+    return None
+
+
+def c3d_events(path: Path, read: Any, side: str) -> tuple[list[LegEvent], list[str]]:
+    """Return the gait events of a leg in the group EVENT of a C3D file, and why events are not used, if any are not."""
+    group = read["parameters"].get("EVENT", {})
+    labels, legs, people = (texts(group, name) for name in ("LABELS", "CONTEXTS", "SUBJECTS"))
+    # Minutes and seconds of each event.
+    times = np.ravel(group["TIMES"]["value"] if "TIMES" in group else [], order="F")
+    at = times[: len(times) // 2 * 2].reshape(-1, 2) @ [60.0, 1.0]
+    if len({*people} - {""}) > 1:
+        return [], [f"{path.name}: events of {list_names([*people])} are not used; see --events"]
+    if len(labels) != len(at):
+        return [], [f"{path.name}: {len(labels)} events with {len(at)} times are not used"]
+    legs += [""] * (len(labels) - len(legs))
+    return events_of_leg(zip(at.tolist(), labels, legs, strict=False), side), []
+
+
+def events_of_leg(rows: Iterable[tuple[float, str, str]], side: str) -> list[LegEvent]:
+    """Return the heel strikes and toe-offs of a leg among events: time [s], label, and leg if the label names none."""
+    found = []
+    for time, label, leg in rows:
+        match = _EVENT.fullmatch(re.sub(r"[^a-z]", "", label.lower()))
+        if match and (match[1] or leg.lower())[:1] == side[0]:
+            found.append((time, HEEL_STRIKE if match[2] else TOE_OFF))
+    return found
 
 
 def point_names(path: Path, read: Any) -> list[str]:

@@ -1,7 +1,6 @@
 """Gait events that a laboratory has: of the group EVENT of a C3D file, of a table, or given as times."""
 
 import csv
-import re
 from collections.abc import Iterable, Sequence
 from itertools import cycle, islice, pairwise
 from pathlib import Path
@@ -13,23 +12,16 @@ from ..streams.topics import NANOSECONDS, NET_LOAD
 from ..system.errors import UsageError, list_names
 from ..system.files import is_file
 from . import checks
-from .c3d import read_c3d, texts
+from .c3d import LegEvent, c3d_events, events_of_leg, read_c3d
 from .cells import parse_number
 from .gait_bag import Gait
 from .headers import TableFormat, each_line, header_of
 from .units import TYPICAL_BODY_WEIGHT
 
-_KIND = re.compile(
-    r"(r(?:ight)?|l(?:eft)?)?(?:((?:foot|heel)strike|(?:foot|heel|initial)contact|hs|fs|ic)|((?:foot|toe)off|to|fo))"
-)
-"""Leg, heel strike and toe-off in a label, of which only the letters are left: Foot Strike, RHS, left toe-off"""
 _COLUMNS = (("time",), ("name", "event", "label", "kind"), ("context", "side", "leg"))
 """Beginnings of the names of a table's columns: time [s], event, leg"""
 _NEAR = 150_000_000
 """Largest time [ns] between an event and the one that angle and load show; tuned on seven laboratories' files"""
-
-_Row = tuple[float, str, str]
-"""Time [s], label, and text of the leg"""
 
 
 def with_events(
@@ -98,7 +90,7 @@ def _contradictions(events: Sequence[GaitEvent], shown: Iterable[GaitEvent]) -> 
     return []
 
 
-def _of_times(given: str) -> list[tuple[float, str]]:
+def _of_times(given: str) -> list[LegEvent]:
     """Return events from times [s], which begin with a heel strike.
 
     Raises:
@@ -116,34 +108,15 @@ def _of_times(given: str) -> list[tuple[float, str]]:
     return list(zip(times, cycle([HEEL_STRIKE, TOE_OFF]), strict=False))
 
 
-def _of_file(path: Path, side: str) -> tuple[list[tuple[float, str]], list[str]]:
-    """Return times [s] and kinds of the events of a leg in a C3D file or a table, and notes."""
-    rows, notes = _of_c3d(path) if path.suffix.lower() == ".c3d" else (_of_table(path, side), [])
-    found = []
-    for time, label, leg in rows:
-        match = _KIND.fullmatch(re.sub(r"[^a-z]", "", label.lower()))
-        if match and (match[1] or leg.lower())[:1] == side[0]:
-            found.append((time, HEEL_STRIKE if match[2] else TOE_OFF))
-    return found, notes
+def _of_file(path: Path, side: str) -> tuple[list[LegEvent], list[str]]:
+    """Return the events of a leg in a C3D file or a table, and notes."""
+    if path.suffix.lower() == ".c3d":
+        return c3d_events(path, read_c3d(path), side)
+    return events_of_leg(_of_table(path, side), side), []
 
 
-def _of_c3d(path: Path) -> tuple[list[_Row], list[str]]:
-    """Return the events of a C3D file, and why it has none that can be used."""
-    group = read_c3d(path)["parameters"].get("EVENT", {})
-    labels, legs, people = (texts(group, name) for name in ("LABELS", "CONTEXTS", "SUBJECTS"))
-    times = np.ravel(group["TIMES"]["value"] if "TIMES" in group else [], order="F")
-    minutes, seconds = times[: len(times) // 2 * 2].reshape(-1, 2).T
-    if len({*people} - {""}) > 1:
-        return [], [f"{path.name}: events of {list_names([*people])} are not used; see --events"]
-    if len(labels) != len(seconds):
-        return [], [f"{path.name}: {len(labels)} events with {len(seconds)} times are not used"]
-    legs += [""] * (len(labels) - len(legs))
-    at = 60.0 * minutes + seconds
-    return list(zip(at.tolist(), labels, legs, strict=False)), []
-
-
-def _of_table(path: Path, side: str) -> list[_Row]:
-    """Return the events of a text table; without a column of the leg all are of `side`.
+def _of_table(path: Path, side: str) -> list[tuple[float, str, str]]:
+    """Return time [s], label and leg of events in a text table; without a column of the leg all are of `side`.
 
     Raises:
         UsageError: it cannot be read, or has no columns of times and events.

@@ -2,7 +2,7 @@
 
 `ezc3d` computes force, centre of pressure and free moment of each plate. A contact belongs to the foot whose markers
 are nearest to its centre of pressure. A foot that stands beside the plates has an
-unknown force; one that moves has none.
+unknown force; one that moves, or is about to land by the file's events, has none.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from pydantic import Field
 
 from ..model.types import Floats
 from ..parameters.sections import Section, one_of
+from ..streams.gait_events import HEEL_STRIKE
 from ..streams.topics import NANOSECONDS
 from ..system.errors import UsageError, list_names
-from .c3d import at_frames, first_text, point_names, read_c3d
+from .c3d import at_frames, c3d_events, first_text, point_names, read_c3d
 from .tables import TimeSeries
 from .units import Dimension, unit_factor
 
@@ -31,6 +32,8 @@ _NEAR = 0.2
 """Largest median distance [m] of the centre of pressure of a foot to the line through its markers"""
 _STANDS = 0.5
 """Speed [m/s] below which the slowest marker of a foot that stands is"""
+_LANDING = 0.15
+"""Time [s] before a heel strike of the file in which the foot is in the air, though its slowest marker may stand"""
 _WALKS = 0.5
 """Way [m] of an ankle from which it tells the direction of walking"""
 _ANKLES = (("AJC",), ("TIO",), ("ANK", "ANKin"), ("ANK", "MED"), ("ANK", "MMA"), ("ANK",))
@@ -97,6 +100,8 @@ def ground_channels(
     found = np.where((points == 0.0).all(axis=0), np.nan, points) * scale
     rate = float(timing["frame_rate"])
     foot = _foot(path, plates, places, found, rate, side[0].upper())
+    at = (timing["first_frame"] + np.arange(count)) / rate
+    foot.stands[_lands(path, read, side, at)] = False
     other = None
     if not plates.numbers:
         letter = "L" if side == "right" else "R"
@@ -131,8 +136,7 @@ def ground_channels(
     forward = _forward(path, plates.forward, foot, up, carried)
     axes = np.array([forward, up, np.cross(forward, up)])
     columns = np.hstack([total @ axes.T, torque @ axes.T])[~unknown]
-    times = (timing["first_frame"] + np.arange(count))[~unknown] / rate + offset
-    stamps = np.rint(times * NANOSECONDS).astype(np.int64)
+    stamps = np.rint((at[~unknown] + offset) * NANOSECONDS).astype(np.int64)
     text = f"plates {', '.join(map(str, used))} under {', '.join(foot.markers)}"
     left_out = (
         f"{path.name}: {int(unknown.sum())} of {count} frames left out: the foot is elsewhere"
@@ -141,6 +145,13 @@ def ground_channels(
         name: TimeSeries(name, path, text, stamps, column, (left_out,) * bool(unknown.any()))
         for name, column in zip(names, columns.T, strict=True)
     }
+
+
+def _lands(path: Path, read: Any, side: str, at: Floats) -> NDArray[np.bool_]:
+    """Return at which times [s], shape (n,), the foot is about to land by the file's events."""
+    strikes = [time for time, kind in c3d_events(path, read, side)[0] if kind == HEEL_STRIKE]
+    before = np.subtract.outer(strikes, at)
+    return np.asarray(((before > 0.0) & (before <= _LANDING)).any(axis=0))
 
 
 def _plate(path: Path, platform: Any, count: int) -> _Plate:

@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..joint_reaction.leg import GRAVITY
 from ..model.types import Floats, Stamps
 from ..streams.topics import NANOSECONDS, NET_LOAD
 from ..system.errors import UsageError, list_names, suggest
 from ..system.output_files import work_folder
 from . import checks, gait_bag
+from .c3d import c3d_mass
 from .cells import DAY
 from .events import with_events
 from .gait_bag import Gait, Signal
@@ -61,19 +63,40 @@ def run_import_csv(
             "needs none"
         )
     gait_bag.check_bag_output(output, overwrite)
+    sensors, about_mass, unlike = _with_weight(sensors, files)
     channels = read_channels(files, sensors, IMPORTED)
     channels = _with_thigh(channels)
     if sensors.plates:
         channels |= _of_plates(files, sensors.plates, sensors)
-    doubts = _check_channels(channels, sensors, anyway)
+    checks.refuse(unlike, anyway)
+    doubts = [*unlike, *_check_channels(channels, sensors, anyway)]
     gait = with_events(_gait_of(channels, sensors), events, anyway, files, sensors.time.offset)
     likely = checks.convention_doubts(gait, sensors.body_weight)
     checks.refuse(likely, anyway)
-    gait = gait._replace(doubts=[*doubts, *likely, *gait.doubts])
+    notes = [*about_mass, *gait.notes]
+    gait = gait._replace(notes=notes, doubts=[*doubts, *likely, *gait.doubts])
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
     record = {"map": sensors.model_dump_json(exclude_defaults=True)}
     with work_folder(output.parent) as work:
         gait_bag.store({output: gait}, "CSV", used, record, work)
+
+
+def _with_weight(
+    sensors: SensorMap, files: Sequence[Path]
+) -> tuple[SensorMap, list[str], list[str]]:
+    """Return the map with a C3D file's body weight, if it has none; also notes, and a doubt if they differ."""
+    for path in files:
+        mass = c3d_mass(path) if path.suffix.lower() == ".c3d" else None
+        if mass is None:
+            continue
+        weight = mass * GRAVITY
+        if sensors.body_weight is None:
+            note = f"body weight {weight:.1f} N: {mass:.1f} kg of {path.name}"
+            return sensors.model_copy(update={"body_weight": weight}), [note], []
+        what = f"the ratio of its {mass:.1f} kg to the map's body_weight"
+        ratio = weight / sensors.body_weight
+        return sensors, [], checks.outside(path, what, ratio, "", (0.9, 1.1), "is it in N?")
+    return sensors, [], []
 
 
 def _with_thigh(channels: dict[str, TimeSeries]) -> dict[str, TimeSeries]:

@@ -9,7 +9,7 @@ import numpy as np
 from ..model.types import NANOSECOND
 from ..results import Results, columns, unit_of
 from ..streams.gait_events import GaitEvent
-from ..streams.strides import Span, Stride, at_stamps, strides_of
+from ..streams.strides import Span, Stride, at_stamps, rows_of, strides_of
 from ..system.arguments import checked
 from ..system.errors import UsageError
 from ..system.files import require
@@ -119,8 +119,7 @@ class Gait(Results):
         parts = []
         for number, stride in enumerate(self._found(body_weight)):
             at = _places(stride.span, of, percent)
-            near = slice(*np.searchsorted(stamps, (stride.span.start, stride.span.end)))
-            around = slice(max(near.start - 1, 0), near.stop + 1)
+            around = rows_of(stride.span, stamps)
             part = pandas.DataFrame(
                 at_stamps(stamps[around], values[around], at)[:, :-1], columns=[*numbers]
             )

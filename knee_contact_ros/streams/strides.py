@@ -13,6 +13,7 @@ from ..model.types import ROW, UNUSABLE, ContactState, Floats, Rows, Stamps
 from .gait_events import (
     HEEL_STRIKE,
     LOAD_PEAK,
+    NEARBY,
     SECOND,
     GaitEvent,
     GaitEvents,
@@ -106,6 +107,21 @@ def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
         if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST_STRIDE:
             strides.append(Span(start, between[0], end))
     return strides
+
+
+def rows_of(span: Span, stamps: Stamps) -> slice:
+    """Select the rows of a stride, and the next one on either side; not that behind a gap close to the stride's end.
+
+    There, as where a recording begins or ends up to `NEARBY` within a stride, the values at its ends are held.
+    """
+    first = int(np.searchsorted(stamps, span.start, "right")) - 1
+    last = int(np.searchsorted(stamps, span.end))
+    steps = np.diff(stamps[max(first, 0) : last + 1])
+    if first < 0 or (steps[0] > 2 * NEARBY and stamps[first + 1] - span.start <= NEARBY):
+        first += 1
+    if last == len(stamps) or (steps[-1] > 2 * NEARBY and span.end - stamps[last - 1] <= NEARBY):
+        last -= 1
+    return slice(first, last + 1)
 
 
 def cut(stamps: Stamps, values: Floats, start: int, end: int) -> tuple[Floats, Floats]:
@@ -233,18 +249,15 @@ def stride_of(
 
     `ringing` [N] of the answers has the same shape (n,); None: it is not known.
     """
-    stamps, names = (
-        rows["stamp"],
-        ("contact_force", "penetration_depth", "sliding_velocity", "contact_state"),
-    )
-    values = np.column_stack([rows[name] for name in names])
+    part = rows_of(span, rows["stamp"])
+    stamps = rows["stamp"][part]
+    names = ("contact_force", "penetration_depth", "sliding_velocity", "contact_state")
+    values = np.column_stack([rows[name][part] for name in names])
     (time, whole), (stance_time, stance) = (
         cut(stamps, values, span.start, end) for end in (span.end, span.toe_off)
     )
-    first = int(np.searchsorted(stamps, span.start, "right")) - 1  # its ends lie between answers
-    used = slice(max(first, 0), int(np.searchsorted(stamps, span.end)) + 1)
     within = slice(*np.searchsorted(stamps, (span.start, span.end)))
-    largest = math.nan if ringing is None else float(np.abs(ringing[within]).max())
+    largest = math.nan if ringing is None else float(np.abs(ringing[part][within]).max())
     return Stride(
         span,
         float(whole[:, 0].max()),
@@ -252,7 +265,7 @@ def stride_of(
         integral(time, whole[:, 0]),
         integral(stance_time, stance[:, 0]),
         loading_rate(stance_time, stance[:, 0]),
-        not (rows["status"][used].astype(int) & UNUSABLE).any(),
+        not (rows["status"][part].astype(int) & UNUSABLE).any(),
         sliding_distance(time, *whole.T[2:]),
         largest if math.isfinite(largest) else math.nan,
     )

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.commands.main import main
 from tests.joint_reaction.test_conventions import stance
+from tests.lab.opensim.test_command import origin
 from tests.lab.test_sensors import (
     angles_of,
     content,
@@ -26,7 +27,7 @@ body_weight: 700
 TIME = np.arange(150) / 50.0
 
 
-def write_c3d(labels, event=(), **point):
+def write_c3d(labels, event=(), mass=(), **point):
     """A walk of 3 s at 50 Hz; points are 0 except RKneeAngles, FZ1 is the load at 500 Hz with hum of 50 and 25 Hz."""
     ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
     made = ezc3d.c3d()
@@ -39,7 +40,8 @@ def write_c3d(labels, event=(), **point):
         made["parameters"][kind]["LABELS"]["value"] = names
     made["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
     made["parameters"]["ANALOG"]["UNITS"]["value"] = ["N"]
-    for group, entries in (("POINT", point), ("EVENT", dict(event))):
+    processing = {"Bodymass": [*mass]} if mass else {}
+    for group, entries in (("POINT", point), ("EVENT", dict(event)), ("PROCESSING", processing)):
         for name, value in entries.items():
             made.add_parameter(group, name, value)
     made["data"]["points"] = points
@@ -78,6 +80,21 @@ def test_a_c3d_file_that_says_otherwise_is_refused(importing, capsys, point, wor
 def test_a_c3d_file_that_agrees_is_read(importing):
     write_c3d(["RKneeAngles", "LASI"], ANGLES=["RKneeAngles"], ANGLE_UNITS=["deg"])
     assert importing(None, C3D_MAP, files=["walk.c3d"]) == 0
+
+
+def test_the_body_mass_of_a_c3d_file_is_that_of_the_bag(importing, capsys):
+    write_c3d(["RKneeAngles"], mass=[75.0])
+    per_mass = C3D_MAP.replace("body_weight: 700\n", "")
+    assert importing(None, per_mass, files=["walk.c3d"]) == 0
+    assert "body weight 735.5 N: 75.0 kg of walk.c3d" in in_a_line(capsys.readouterr().out)
+    assert origin(Path("bag"))["body_weight"] == "735.4987 N"  # 75 kg * 9.80665 m/s^2
+    assert importing(None, C3D_MAP.replace("700", "900"), "--overwrite", files=["walk.c3d"]) == 2
+    assert "the ratio of its 75.0 kg to the map's body_weight is 0.81722" in in_a_line(
+        capsys.readouterr().err
+    )
+    write_c3d(["RKneeAngles"], mass=[1.0])
+    assert importing(None, per_mass, "--overwrite", files=["walk.c3d"]) == 0
+    assert "body_weight" not in origin(Path("bag"))
 
 
 def test_a_net_joint_force_is_doubted_and_the_doubt_stays(importing, capsys, tmp_path):

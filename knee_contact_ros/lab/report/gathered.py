@@ -23,7 +23,7 @@ from ...streams.gait_events import (
     GaitEvent,
     GaitEvents,
 )
-from ...streams.strides import Span, at_stamps, cut, spans, stride_of
+from ...streams.strides import Span, at_stamps, cut, rows_of, spans, stride_of
 from ...streams.topics import NANOSECONDS
 from ...streams.watch import Doubts
 
@@ -264,8 +264,8 @@ def _peak_in_cycle(stamp: int, cycles: Sequence[Span], before: int) -> dict[str,
 
 def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, Any], Floats]:
     """Return a cycle's values, `STRIDE_COLUMNS`, NaN where unknown, and its curves, shape (`_CURVE_FIELDS`, 101)."""
-    first, last = np.searchsorted(columns["stamp"], (span.start, span.end))
-    near = {name: column[max(first - 1, 0) : last + 1] for name, column in columns.items()}
+    part = rows_of(span, columns["stamp"])
+    near = {name: column[part] for name, column in columns.items()}
     stamps = near["stamp"]
     stride = stride_of(span, near, near.get("ringing"))
     unknown = np.full(len(stamps), np.nan)
