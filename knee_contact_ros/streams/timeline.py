@@ -111,8 +111,10 @@ class Timeline(Generic[S]):
         """Step [ns] of the last jump"""
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
-        self.missing = 0
-        """Number of samples that holes in the stamps, up to `max_gap`, show to be missing; a longer one is flagged"""
+        self._missing = 0
+        self._hole = 0, 0  # the last step that was too long, and the usual one before it [ns]
+        self._usual_steps: deque[int] = deque(maxlen=STEPS)  # [ns] before the last holes
+        self._clock_is_set = False  # where the stream goes on
         self.known = 0
         """Number of the next samples that were accepted before the stream was cleared"""
         self.is_doubtful = False
@@ -127,6 +129,23 @@ class Timeline(Generic[S]):
         self._max_held_back = max_held_back
         self._refused = refused
         self._name = name
+
+    @property
+    def missing(self) -> int:
+        """Number of samples that holes in even stamps, up to `max_gap`, show to be missing; a longer one is flagged."""
+        step, usual = self._hole
+        if step:
+            after = [*self.steps]
+            after = after[after.index(step) + 1 :] if step in after else after
+            if after and _are_even(after, usual):  # else one came late, and a burst followed
+                self._missing += round(step / usual) - 1
+            if after:
+                self._hole = 0, 0
+        return self._missing
+
+    def forget_hole(self) -> None:
+        """Count no missing samples for the last hole, or for that of the next accepted sample: the clock was set."""
+        self._hole, self._clock_is_set = (0, 0), True
 
     def push_sample(self, sample: S, other: Timeline[Any]) -> list[S]:
         """Take a sample; return the samples that are accepted now, oldest first. `other` is the paired stream.
@@ -224,7 +243,7 @@ class Timeline(Generic[S]):
         return between
 
     def _doubt(self) -> None:
-        self.is_doubtful = True
+        self.is_doubtful, self._clock_is_set = True, False
         self.on_doubt()
 
     def _settle(self, step: int) -> None:
@@ -293,7 +312,7 @@ class Timeline(Generic[S]):
             steps = self.steps
             usual = self.step_limit // LONG_STEP
             if len(steps) == STEPS and 3 * usual < 2 * step <= 2 * self._max_gap:
-                self.missing += round(step / usual) - 1
+                self._note_hole(step)
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
             # Sorting is left out where the second longest step stays: a new one of its length changes nothing.
@@ -301,7 +320,25 @@ class Timeline(Generic[S]):
                 self.step_limit = LONG_STEP * _usual_step(steps)
         self.last = stamp
 
+    def _note_hole(self, step: int) -> None:
+        """Remember a step [ns] that is too long, until it is known whether the steps go on as those before it."""
+        self._missing, usual = self.missing, sorted(self.steps)[STEPS // 2]
+        self._hole = 0, 0
+        if _are_even(self.steps, usual):
+            self._usual_steps.append(usual)
+            is_burst = 2 * usual < max(self._usual_steps)
+            if not (self._clock_is_set or is_burst):
+                self._hole = step, usual
+        self._clock_is_set = False
+
 
 def _usual_step(steps: deque[int]) -> int:
     """Second longest step [ns], as the longest may be a pause; the only one if there is one."""
     return sorted(steps)[-2] if len(steps) > 1 else steps[0]
+
+
+def _are_even(steps: Iterable[int], usual: int) -> bool:
+    """Whether steps [ns], except the extreme ones, are a usual one [ns], by a factor of 1.5 up and 2 down."""
+    ordered = sorted(steps)
+    spare = int(len(ordered) > 2)
+    return 2 * ordered[spare] > usual and 2 * ordered[-1 - spare] < 3 * usual

@@ -378,6 +378,7 @@ def test_a_clock_that_is_set_a_little_for_good_is_told_and_flagged(seed, ahead):
         unseen = sum(w and not f for w, f in zip(wrong, flagged, strict=True))
         assert unseen <= (FIRST_JUDGED if ahead else 0)
     assert flagged[-1]
+    assert paired.angle_time.missing + paired.load_time.missing == 0  # the step ahead is no hole
     paired.clear_streams()
     assert not paired.clock_sets.apart
     assert not paired.lasting
@@ -426,3 +427,16 @@ def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed):
             list(paired.push_load(LoadSample(stamp, 1.0, 0.0, "")))
     assert paired.load_time.missing == pytest.approx(len(lost), abs=3)
     assert paired.angle_time.missing == 0
+
+
+@pytest.mark.parametrize("rate", [200, 1000])
+def test_a_publisher_that_makes_up_for_a_delay_has_lost_nothing(rate):
+    """Its stamps are those of a busy computer: late by up to 90 ms, and then in a burst until it has caught up."""
+    draw, paired, now = random.Random(rate), Synchroniser(PairingSection(max_gap=0.1)), 0.0
+    for number in range(8 * rate):
+        now = max(number / rate, now + 5e-5)
+        now += draw.uniform(0.0, 0.09) if draw.random() < 2.0 / rate else 0.0
+        list(paired.push_angle(AngleSample(round(1e9 * now), 0.1)))
+        list(paired.push_load(LoadSample(round(1e9 * now), 1.0, 0.0, "")))
+    assert paired.angle_time.missing == paired.load_time.missing
+    assert paired.load_time.missing <= 8 * rate // 100
