@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from fnmatch import fnmatchcase
@@ -29,7 +30,6 @@ from ..streams.frames import (
     encode_transform,
     isb_transform,
 )
-from ..streams.pipeline import OF_OTHERS
 from ..system.errors import UsageError
 from ..system.files import installed_share
 from ..system.ros import resolve_topic
@@ -51,6 +51,10 @@ INPUT_DEPTH = 1000
 
 LARGEST_AGE = 3600.0
 """Age of a message [s] above which its stamp must be by another clock"""
+OWN_CLOCK = 1.0
+"""Usual age of messages [s] up to which their stamps are by this computer's clock, so that later ones are late"""
+REPORTS = 5
+"""Number of reports, one a second, whose least age is usual; with slower replay the ages of a second grow"""
 
 
 class HandOver:
@@ -103,6 +107,10 @@ class InputMeter:
         """Number of messages that have come"""
         self.clock: Callable[[], float] = time.time
         """Time [s] by which messages have an age"""
+        self.is_simulated = False
+        """Whether that is simulated time, which jumps from one message of `/clock` to the next"""
+        self.is_late = False
+        """Whether the last message came later after its stamp than usual, by more than `max_gap`"""
         self.longest_pause = 0.0
         """Longest time [s] before a message, since the report before the last one"""
         self._longest_before = 0.0
@@ -110,6 +118,8 @@ class InputMeter:
 
     def restart(self) -> None:
         """Start to measure; the time before counts neither for the rate nor as silence."""
+        self.is_late, self._late_age = False, math.inf
+        self._least_ages: deque[float] = deque(maxlen=REPORTS)  # of the last reports [s]
         self.last = self._reported = time.monotonic()
         self._pauses: list[float] = []  # [s] before each message since the last report
         self._ages: list[
@@ -122,7 +132,9 @@ class InputMeter:
         self._pauses.append(now - self.last)
         self.received, self.last = self.received + 1, now
         if stamp is not None:
-            self._ages.append(self.clock() - 1e-9 * stamp)
+            age = self.clock() - 1e-9 * stamp
+            self._ages.append(age)
+            self.is_late = age > self._late_age
 
     def report_rate(self) -> tuple[dict[str, str], Problem]:
         """Values for the time since the last report, and what is wrong."""
@@ -140,6 +152,8 @@ class InputMeter:
             values["message age mean [ms]"] = f"{1e3 * sum(self._ages) / len(self._ages):.3f}"
             values["message age max [ms]"] = f"{1e3 * max(self._ages):.3f}"
         known = self.received > number  # the first messages came at some time of a second
+        late = max(self._ages, default=0.0) - self._late_age + self.max_gap
+        self._judge_ages()
         self._reported, self._pauses, self._ages = now, [], []
         return values, first_problem(
             (not self.received, STALE, "nothing received yet"),
@@ -155,7 +169,20 @@ class InputMeter:
                 WARN,
                 f"rate low: {rate:.1f} Hz, below {self.warn_rate:g} Hz",
             ),
+            (
+                late > self.max_gap,
+                WARN,
+                f"came up to {late:.2f} s later than usual: answers were flagged (STALE_INPUT)",
+            ),
         )
+
+    def _judge_ages(self) -> None:
+        """Find the age from which messages are late, if their stamps are by this computer's clock."""
+        if self._ages:
+            self._least_ages.append(min(self._ages))
+        usual = min(self._least_ages, default=math.inf)
+        is_known = abs(usual) < OWN_CLOCK and not self.is_simulated
+        self._late_age = usual + self.max_gap if is_known else math.inf
 
 
 class Input:
@@ -172,23 +199,28 @@ class Input:
         self,
         node: LifecycleNode,
         topic: str,
-        on_data: Callable[[bytes], int | None],
+        on_message: Callable[[bytes], object],
         meter: InputMeter,
         message_type: Any = None,
         qos_given: Collection[str] = (),
         convert: Convert | None = None,
         handed: HandOver | None = None,
     ) -> None:
-        """Prepare a subscription: `on_data` gets the bytes of a message and returns its stamp, `meter` counts it.
+        """Prepare a subscription: `on_message` gets the bytes of a message, and counts it with `meter`.
 
         `qos_given` has the names of the QoS overrides that the user has given; `convert` turns messages of other types
-        into those that `on_data` takes.
+        into those that `on_message` takes.
         """
         self.topic, self.meter, self.handed = topic, meter, handed
         self._arrival: Callable[[], int] = time.time_ns
         self.reason = ""
         """Why nothing has come, as far as the graph shows"""
-        self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
+        self._node, self._type, self._on_message, self._convert = (
+            node,
+            message_type,
+            on_message,
+            convert,
+        )
         self._subscriptions: dict[str, Any] = {}  # by topic
         self._best_effort, self._incompatible = (
             set[str](),
@@ -207,6 +239,7 @@ class Input:
         """Take times of arrival and ages from simulated time where the node has it."""
         clock = self._node.get_clock()
         self._arrival, self.meter.clock = time.time_ns, time.time
+        self.meter.is_simulated = clock.ros_time_is_active
         if clock.ros_time_is_active:
             self._arrival = lambda: int(clock.now().nanoseconds)
             self.meter.clock = lambda: 1e-9 * clock.now().nanoseconds
@@ -326,11 +359,6 @@ class Input:
         for name in sorted(topics - self._subscriptions.keys()):
             self._node.get_logger().info(f"listening to {name}")
             self._subscribe(name)
-
-    def _on_message(self, data: bytes) -> None:
-        stamp = self._on_data(data)
-        if stamp != OF_OTHERS:
-            self.meter.count_message(stamp)
 
     def _on_foreign_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)

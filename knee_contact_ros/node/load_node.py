@@ -108,12 +108,11 @@ class LoadSession(Session):
         provenance = provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
         return RecordedKnee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
-    def _on_joint_state(self, data: bytes) -> int | None:
+    def _on_joint_state(self, data: bytes) -> None:
         try:
             self._takers.angles.give_message(data)
         finally:  # a failure there is reported, and no reason to lose the message here
-            stamp = super()._on_joint_state(data)
-        return stamp
+            super()._on_joint_state(data)
 
     def _publish(self, answer: LoadAnswer, begin: float) -> None:
         try:

@@ -27,7 +27,7 @@ from ..parameters.sources import WRENCH_STAMPED_TYPE, source_of
 from ..streams.conversion import converters
 from ..streams.frames import FORCE_TURNED
 from ..streams.output import Note, RecordedKnee
-from ..streams.pipeline import Pipeline
+from ..streams.pipeline import OF_OTHERS, Pipeline
 from ..streams.topics import JOINT_STATES, Ending, TickOutput
 from ..system.errors import UsageError
 from ..system.output_files import check_writable, expand_stamp, free_names
@@ -302,21 +302,32 @@ class Session(ABC):
         for publisher in self._publishers.values():
             self.node.destroy_lifecycle_publisher(publisher)
 
-    def _on_joint_state(self, data: bytes) -> int | None:
-        """Take a JointState and answer; return its stamp [ns], or None if the bytes are no JointState."""
-        self._publish_all(self.pipeline.push_joint_state(data))
-        return self.pipeline.message_stamp
+    def _on_joint_state(self, data: bytes) -> None:
+        """Take a JointState and answer."""
+        self._publish_pushed(self.pipeline.push_joint_state(data), self.inputs[0].meter)
 
-    def _on_force(self, data: bytes) -> int | None:
-        """Take a force and answer; return its stamp [ns], or None if the bytes are no WrenchStamped."""
+    def _on_force(self, data: bytes) -> None:
+        """Take a force and answer."""
         answers = self.pipeline.push_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.take_turn_note()
             text = f"forces are turned from {note['from']} to {note['to']}"
             self.node.get_logger().info(text, **at_most_every(LOG_PERIOD))
             self.outputs.put_item(Note(FORCE_TURNED, note))
+        self._publish_pushed(answers, self.inputs[1].meter)
+
+    def _publish_pushed(self, answers: Iterator[Any], meter: InputMeter) -> None:
+        """Count the message that was pushed, and publish the answers; they are flagged if it came late."""
+        stamp = self.pipeline.message_stamp
+        if stamp != OF_OTHERS:
+            meter.count_message(stamp)
+            if meter.is_late:
+                self._flag_late(Status.STALE_INPUT)
         self._publish_all(answers)
-        return self.pipeline.message_stamp
+
+    def _flag_late(self, bits: Status) -> None:
+        """Give the answers these bits, because messages come late, or none."""
+        self.pipeline.synchroniser.flag_from_now("late", int(bits))
 
     def _service(self, name: str, act: Callable[[], str]) -> Any:
         """Service that calls a function and answers with its message, or with the reason why it failed."""
@@ -392,7 +403,9 @@ class Session(ABC):
             stream.adapt_reliability()
 
     def _answer_late(self) -> None:
-        """Answer loads whose angle is late; say what the frame lets doubt; free some memory."""
+        """Answer loads whose angle is late; end the flags of late messages; tell doubts; free some memory."""
+        if not any(stream.meter.is_late for stream in self.inputs):
+            self._flag_late(Status.OK)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._publish_all(self.pipeline.flush_expired(arrived_by))
         self.health.tell_first_second(self.inputs)

@@ -39,6 +39,7 @@ class ClockSets:
         self._begin: int | None = None  # stamp from which on the lead has not changed
         self._last = 0
         self._before: list[int] = []  # leads before the doubtful sample
+        self._is_familiar = False  # whether these are believed
         self._usual = 0  # median of the last of these
         self._least = 0  # smallest change [ns] of the lead that counts
         self._max_gap = max_gap
@@ -70,6 +71,8 @@ class ClockSets:
         """
         if not self.due:
             self._before = list(self.leads)
+            begin = self._last if self._begin is None else self._begin
+            self._is_familiar = self._last - begin >= FAMILIAR_TIME
             last = sorted(self._before[-BEFORE:])
             if len(last) == BEFORE:
                 self._usual = last[JUDGED]
@@ -77,7 +80,10 @@ class ClockSets:
 
     def judge(self, has_jumped: bool) -> None:
         """Judge the leads, as a stream goes on after a doubtful sample; it may have jumped."""
-        if (has_jumped and not self.apart) or len(self._before) < BEFORE:
+        is_anew = has_jumped and not self.apart
+        if is_anew:
+            self.leads.clear()  # those of before are no measure for those that come
+        if is_anew or len(self._before) < BEFORE:
             self._forget()
         else:
             self.due = JUDGED
@@ -97,7 +103,7 @@ class ClockSets:
         change = lead - self._usual
         if abs(change) <= self._least or self._was_there(lead):
             self._set_apart(0)
-        elif self.apart or self._is_familiar(change):
+        elif self.apart or (self._is_familiar and abs(change) <= self._max_gap):
             self._set_apart(change)
             self.due = JUDGED
         else:
@@ -106,12 +112,6 @@ class ClockSets:
     def _was_there(self, lead: int) -> bool:
         """Whether a lead [ns] is none of a clock that is set now, but of one that is set right."""
         return sum(abs(before - lead) <= self._least for before in self._before) >= BEFORE
-
-    def _is_familiar(self, change: int) -> bool:
-        """Whether the leads before a change [ns] are believed; one beyond `max_gap` is not judged here."""
-        if self._begin is None or abs(change) > self._max_gap:
-            return False
-        return self._last - self._begin >= FAMILIAR_TIME
 
     def _set_apart(self, apart: int) -> None:
         if apart != self.apart:

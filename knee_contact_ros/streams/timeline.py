@@ -133,14 +133,7 @@ class Timeline(Generic[S]):
     @property
     def missing(self) -> int:
         """Number of samples that holes in even stamps, up to `max_gap`, show to be missing; a longer one is flagged."""
-        step, usual = self._hole
-        if step:
-            after = [*self.steps]
-            after = after[after.index(step) + 1 :] if step in after else after
-            if after and _are_even(after, usual):  # else one came late, and a burst followed
-                self._missing += round(step / usual) - 1
-            if after:
-                self._hole = 0, 0
+        self._settle_hole()
         return self._missing
 
     def forget_hole(self) -> None:
@@ -318,12 +311,24 @@ class Timeline(Generic[S]):
             # Sorting is left out where the second longest step stays: a new one of its length changes nothing.
             if len(steps) <= 2 or step > usual or step < usual <= dropped:
                 self.step_limit = LONG_STEP * _usual_step(steps)
+                if dropped and dropped == self._hole[0]:
+                    self._settle_hole()
         self.last = stamp
+
+    def _settle_hole(self) -> None:
+        """Count the samples that are missing in the last hole, if the steps after it are known and even."""
+        step, usual = self._hole
+        after = [*self.steps]
+        after = after[after.index(step) + 1 :] if step in after else after
+        if step and after:
+            self._hole = 0, 0
+            if _are_even(after, usual):  # else one came late, and others made up for it
+                self._missing += round(step / usual) - 1
 
     def _note_hole(self, step: int) -> None:
         """Remember a step [ns] that is too long, until it is known whether the steps go on as those before it."""
-        self._missing, usual = self.missing, sorted(self.steps)[STEPS // 2]
-        self._hole = 0, 0
+        self._settle_hole()
+        self._hole, usual = (0, 0), sorted(self.steps)[STEPS // 2]
         if _are_even(self.steps, usual):
             self._usual_steps.append(usual)
             is_burst = 2 * usual < max(self._usual_steps)

@@ -206,6 +206,34 @@ def test_messages_and_ages_are_counted_without_pauses_of_the_node(clock):
     assert (values["message age mean [ms]"], values["message age max [ms]"]) == ("5.333", "8.000")
 
 
+def test_messages_are_late_beside_their_usual_age_by_the_clock_of_this_computer(clock):
+    """A stream of another clock, one that is replayed slowly, and one by simulated time have no age to judge by."""
+    for usual, simulated, is_late in (
+        (0.004, False, True),
+        (-0.3, False, True),
+        (2.0, False, False),
+        (1e9, False, False),
+        (0.004, True, False),
+    ):
+        meter = InputMeter(max_gap=0.1)
+        meter.is_simulated = simulated
+        clock.receive(meter, 10, 0.1, age=usual + 0.5)
+        assert not meter.is_late  # nothing is known yet
+        clock.receive(meter, 10, 0.1, age=usual)
+        meter.report_rate()
+        clock.receive(meter, 1, 0.01, age=usual + 0.09)
+        assert not meter.is_late
+        clock.receive(meter, 1, 0.01, age=usual + 0.5)
+        assert meter.is_late is is_late
+        told = "came up to 0.50 s later than usual: answers were flagged (STALE_INPUT)"
+        assert (meter.report_rate()[1] == (WARN, told)) is is_late
+        for _ in range(5):  # a latency that stays is usual
+            clock.receive(meter, 10, 0.1, age=usual + 0.5)
+            meter.report_rate()
+        clock.receive(meter, 1, 0.1, age=usual + 0.5)
+        assert not meter.is_late
+
+
 @pytest.mark.parametrize("bit", [bit for bit in Status if bit])
 def test_usable_is_said_of_the_newest_answer(bit, clock):
     def said():

@@ -2,6 +2,7 @@
 
 import math
 import re
+import time
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,23 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.answers import read_answers
+from knee_contact_ros.bags.bag import Bag
+from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.stride_topic import encode_stride
+from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.messages import WrenchStamped as Wrench
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.strides import Span, Stride, strides_of
-from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
+from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_MARKERS
 from tests.helpers.markers import place_of
 from tests.helpers.messages import RosMessages, header
+from tests.helpers.patience import wait_until
 from tests.hostile.test_mistakes import WAYS, by_bag
 from tests.model.test_inputs import Columns, gait
-from tests.ros.conftest import call, change_state, set_parameters
+from tests.ros.conftest import call, change_state, raw, set_parameters
 from tests.streams.test_gait_events import BODY_WEIGHT, walking
 
 MS = 1_000_000
@@ -380,3 +385,36 @@ def test_each_mistake_is_told_live(peer, start_node):
     for change, words in list(WAYS[by_bag].values())[::4]:  # a few of each kind
         walk(peer, *change(*right))
         peer.wait_until(lambda words=words: re.search(words, "; ".join(peer.told)))
+
+
+def test_answers_to_messages_that_were_long_under_way_are_flagged(peer, start_node, tmp_path):
+    """As behind a huge message; the recording computes to the same flags."""
+    node, sent = start_node(f"record.path:={tmp_path / 'r.mcap'}", "pairing.max_gap:=1.0"), []
+    peer.wait_for_node()
+
+    def send(age):
+        sent.append(time.time_ns() - round(1e9 * age))
+        peer.send(sent[-1], 0.3, 800.0)
+        peer.spin(0.02)
+        peer.wait_until(lambda: len(peer.contacts) == len(sent))
+
+    def known():
+        send(0.0)
+        return "message age max [ms]" in peer.diagnostics.get("knee_contact: joint_states", {})
+
+    wait_until(known)
+    in_time = len(sent)
+    peer.spin(3.0)  # so that stamps can be that old
+    for number in range(50):
+        send(2.5 - 0.01 * number)
+    assert all(contact.status & Status.STALE_INPUT for contact in peer.contacts[in_time:])
+    peer.wait_until(lambda: "STALE_INPUT" in peer.problems["knee_contact: joint_states"])
+    wait_until(lambda: peer.contacts[-1].status == 0, lambda: send(0.0))
+    node.stop()
+    with Bag(tmp_path / "r.mcap") as bag:
+        basis = read_provenance(bag)
+        assert basis is not None
+        solve(bag, basis, tmp_path / "again.mcap")
+    live, again = (raw(tmp_path / name, [KNEE_CONTACT]) for name in ("r.mcap", "again.mcap"))
+    assert live == again
+    assert len(live) == len(sent)
