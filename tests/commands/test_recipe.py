@@ -46,6 +46,15 @@ def test_the_changelog_names_the_command_and_its_options(name):
     assert not unnamed, f"no line of CHANGELOG.rst names {unnamed} of the command {name}"
 
 
+@pytest.mark.parametrize("name", knee_contact.commands)
+def test_a_test_calls_the_command(name):
+    others = {Path(__file__), Path(__file__).with_name("test_bad_input.py")}
+    tests = {*(ROOT / "tests").rglob("test_*.py")} - {*others, *(ROOT / "tests/hostile").iterdir()}
+    assert any(
+        re.search(rf"""["']{name}["' ]""", path.read_text(encoding="utf-8")) for path in tests
+    ), f"no test calls the command {name} with good input"
+
+
 def work_in(function):
     """Return what in a command is work, and not a call of another room: arithmetic, fields of answers, libraries."""
     nodes = [node for statement in function.body for node in ast.walk(statement)]
@@ -53,6 +62,8 @@ def work_in(function):
     for node in nodes:
         match node:
             case ast.BinOp(op=op) if not isinstance(op, ast.BitOr):
+                found.append(node)
+            case ast.AugAssign(value=ast.Constant() | ast.Name() | ast.Attribute()):
                 found.append(node)
             case ast.Subscript(slice=ast.Constant(value=str()), ctx=ast.Load()):
                 found.append(node)

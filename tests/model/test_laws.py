@@ -108,6 +108,11 @@ BY_HAND: dict[str, list[Numbers]] = {
 """Forces of every law, from its published formula; another law gets a row here"""
 
 
+def test_every_law_with_numbers_is_in_the_table():
+    unknown = (BY_HAND.keys() | LAWS.keys()) - CONTACT_LAWS.keys()
+    assert not unknown, f"{unknown}: name it in CONTACT_LAWS (knee_contact_ros/model/laws.py)"
+
+
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 def test_every_law_has_forces_worked_out_by_hand(name):
     assert name in BY_HAND, (

@@ -25,7 +25,10 @@ def test_the_reference_is_what_the_code_says(name):
 
 
 def test_pages_for_users_are_few_words():
-    assert sum(map(words, user_pages())) <= 20_000
+    together = sum(map(words, user_pages()))
+    assert together <= 20_000, (
+        f"{together} words: shorten a page by what you add (python -m scripts.words counts them)"
+    )
     assert words(ROOT / "README.md") <= 500
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, blank_answers
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Contact, blank_answers
 from knee_contact_ros.streams.columns import ADDED, TYPE, Column, decode_answers, places_of
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import NANOSECONDS, NO_DEFINITION, definition
@@ -34,6 +34,14 @@ def without(*names):
     lines = TEXT.splitlines(keepends=True)
     return "".join(
         line for line in lines if not any(line.startswith(f"float64 {name} ") for name in names)
+    )
+
+
+def test_the_message_and_contact_have_the_same_fields_in_the_same_order():
+    _, (_, *theirs) = get_types_from_msg(TEXT, TYPE)[TYPE]
+    ours = list(Contact.__annotations__)
+    assert [name for name, _ in theirs] == ours[: ours.index("contact_wrench")], (
+        "msg/KneeContact.msg and Contact (knee_contact_ros/model/types.py) differ: a new field is in both"
     )
 
 
