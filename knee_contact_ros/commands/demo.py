@@ -30,6 +30,7 @@ from ..bags.answers import read_answers, read_bag
 from ..bags.bag import Bag, RawMessage
 from ..bags.names import OWN_NAMES
 from ..model.knee import KneeModel
+from ..model.ringing import Ringing
 from ..msg import KneeContact
 from ..offline.bag_inputs import BagInputs
 from ..offline.estimate_load import estimate_load
@@ -219,7 +220,9 @@ def run_demo(
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in processes]
             play(messages, rate, listener, needed, companion, children)
-        summary = read_summary(work / RECORDING.parent, parameters.body_weight, stream.doubts)
+        summary = read_summary(
+            work / RECORDING.parent, parameters.body_weight, stream.doubts, Ringing(stream.model)
+        )
         if not summary.ticks:
             raise UsageError(
                 f"bag {bag}: the node has answered nothing; refused: {count_text(summary.refused)}"

@@ -88,6 +88,11 @@ class Ringing:
         return ringing
 
     @property
+    def rings(self) -> bool:
+        """Whether the knee may ring."""
+        return self._damped is not None
+
+    @property
     def is_told(self) -> bool:
         """Whether the ringing is large enough to be told."""
         return self.largest > LEAST_PART * self._largest_force

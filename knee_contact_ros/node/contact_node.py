@@ -56,7 +56,7 @@ from .marker_topic import (
     MarkerTopic,
 )
 from .parameters import NodeKind
-from .problems import warning_of
+from .problems import OK, warning_of
 from .session import CHECK_PERIOD, OUTPUT_DEPTH, Session
 from .stride_topic import STRIDE_PERIOD, StrideTopic
 
@@ -107,6 +107,8 @@ class ContactHealth(Health):
         self._contacts = pipeline
         self.orientations: Any = None
         """`OrientationJoin` of the session, if it has one"""
+        self.strides: StrideTopic
+        """Strides of the session, which know how far the force rings"""
 
     def newest_words(self) -> list[str]:
         """Words about the contact force of each compartment at the newest tick."""
@@ -130,7 +132,7 @@ class ContactHealth(Health):
             compartment.doubts.add_answers(rows[number :: len(compartments)])
 
     def load_entries(self) -> list[Entry]:
-        """Entries for load (with split where that varies, and deviation) and flexion; problems are logged."""
+        """Entries for load (with split where that varies, and deviation), flexion and ringing; problems are logged."""
         pipeline = self._contacts
         doubts = pipeline.doubts
         inputs = doubts.inputs
@@ -162,9 +164,11 @@ class ContactHealth(Health):
                 load[f"{topic}: depth +- [mm]"] = f"{1e3 * found['penetration_depth']:.4f}"
         self.warn("load", about_load)
         self.warn("flexion", about_angle)
+        rings = self.strides.ringing
         return [
             ("load", load, warning_of(about_load)),
             ("flexion", flexion, warning_of(about_angle)),
+            *([("ringing", {}, (OK, rings))] if rings else []),
         ]
 
     def doubts(self) -> list[str]:
@@ -234,8 +238,9 @@ class ContactSession(Session):
         self._strides = StrideTopic(
             self._publishers[KNEE_CONTACT_STRIDE],
             parameters.body_weight,
-            lambda: pipeline.compartments[0].model,
+            lambda: [compartment.model for compartment in pipeline.compartments],
         )
+        health.strides = self._strides
         self._calls += [
             (MARKER_PERIOD, self._markers.publish_markers),
             (STRIDE_PERIOD, self._strides.publish_strides),
@@ -274,9 +279,14 @@ class ContactSession(Session):
             self.pipeline.compile_model()
 
     def stop_listening(self) -> None:
-        """Close the inputs, answer waiting samples, and stop showing markers."""
+        """Close the inputs, answer waiting samples, stop showing markers, and log how far the force rang."""
+        was_listening = self._timer
         super().stop_listening()
         self._markers.newest = None
+        if was_listening:
+            self._strides.publish_strides()
+            if self._strides.ringing:
+                self.node.get_logger().info(self._strides.ringing)
 
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
         """Continue with changed parameters, and warn of those that are implausible; see `Session.retune`."""

@@ -1,7 +1,7 @@
 """The topic `knee_contact/stride`: numbers of each stride, as a sensor_msgs/JointState."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,39 +31,57 @@ STRIDE_NUMBERS = (
 
 
 class StrideTopic:
-    """Publishes the strides between ticks, while somebody listens; without a listener a tick costs nothing more."""
+    """Publishes the strides between ticks, while somebody listens, and finds how far the contact force rings.
 
-    def __init__(self, publisher: Any, body_weight: float, model: Callable[[], KneeModel]) -> None:
+    Without a listener, and under a law that is damped, a tick costs nothing more.
+    """
+
+    def __init__(
+        self, publisher: Any, body_weight: float, models: Callable[[], Sequence[KneeModel]]
+    ) -> None:
         """Publish with the publisher of a JointState the strides of a person with this body weight [N].
 
-        `model` returns the model that computes the answers, with which their ringing is found.
+        `models` returns the models that compute the answers of each compartment, the medial one first.
         """
         self._publisher = publisher
         self._body_weight = body_weight
-        self._model = model
-        self._of: KneeModel | None = None
-        self._rows: list[bytes] | None = None  # since the last search; None while nobody listens
+        self._models = models
+        self._of: Sequence[KneeModel] = []
+        self._ringings: list[Ringing] = []
+        self._rows: list[tuple[bytes, ...]] | None = None  # since the last search; None: not kept
         self._frame_id = ""
 
+    @property
+    def ringing(self) -> str:
+        """Sentence on the ringing under the present parameters; empty if there is none worth telling."""
+        return (
+            max(self._ringings, key=lambda each: each.largest).sentence if self._ringings else ""
+        )
+
     def add_answer(self, answer: ContactAnswer) -> None:
-        """Keep an answer for the next search, if somebody listens."""
+        """Keep an answer for the next search, if it is needed."""
         if self._rows is not None:
-            self._rows.append(answer.rows[0])
+            self._rows.append(answer.rows)
             self._frame_id = answer.pair.load.frame_id
 
     def publish_strides(self) -> None:
         """Publish the strides that have become certain."""
-        if not self._publisher.get_subscription_count():
+        is_heard = self._publisher.get_subscription_count() > 0
+        models = self._models()
+        if [*map(id, models)] != [*map(id, self._of)]:
+            self._rows, self._of, self._ringings = None, models, [*map(Ringing, models)]
+        if not (is_heard or any(each.rings for each in self._ringings)):
             self._rows = None
-        elif self._rows is None or self._of is not self._model():
-            self._rows, self._of = [], self._model()
-            self._strides, self._ringing = Strides(self._body_weight), Ringing(self._of)
+        elif self._rows is None:
+            self._rows, self._strides = [], Strides(self._body_weight)
         elif self._rows:
-            rows = np.frombuffer(b"".join(self._rows), ROW)
+            rows = [np.frombuffer(b"".join(part), ROW) for part in zip(*self._rows, strict=True)]
             self._rows = []
-            now = int(rows["stamp"][-1])
-            for stride in self._strides.add_answers(rows, self._ringing.add_answers(rows)):
-                self._publisher.publish(encode_stride(stride, self._frame_id, now))
+            now = int(rows[0]["stamp"][-1])
+            rings = [one.add_answers(part) for one, part in zip(self._ringings, rows, strict=True)]
+            for stride in self._strides.add_answers(rows[0], rings[0]):
+                if is_heard:
+                    self._publisher.publish(encode_stride(stride, self._frame_id, now))
 
 
 def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:

@@ -228,13 +228,16 @@ def largest_bound(errors: float | NDArray[np.float64]) -> float:
 
 
 def read_summary(
-    recording: Path | Bag, body_weight: float, doubts: Doubts | None = None
+    recording: Path | Bag,
+    body_weight: float,
+    doubts: Doubts | None = None,
+    ringing: Ringing | None = None,
 ) -> Summary:
     """Summarise the answers of a recording, a file or a folder.
 
-    `body_weight` is in N; `doubts` are the doubts about the parameters of the recording, if they are known.
+    `body_weight` is in N; `doubts` and `ringing` are those of the recording's parameters, if these are known.
     """
-    summary = Summary(body_weight, doubts or Doubts())
+    summary = Summary(body_weight, doubts or Doubts(), ringing)
     summaries = {KNEE_CONTACT: summary}
     with opened_bag(recording) as bag:
         if f"/{KNEE_CONTACT_LATERAL}" in answer_topics(bag):

@@ -278,6 +278,32 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(peer, start_node, t
         assert 0.2 < numbers["phase"] * numbers["stride_time"] < 0.7  # [s] after the heel strike
 
 
+def test_a_law_that_is_hardly_damped_tells_by_how_many_newtons_it_rings(
+    peer, start_node, tmp_path
+):
+    """As `solve` of the recording does, which begins at rest; live a first twentieth of a second is not looked at."""
+    printed = [
+        "contact.law:=two_layer_viscoelastic",
+        "contact.damp_first_layer:=false",
+        "load.compartment:=total",
+    ]
+    node = start_node(f"record.path:={tmp_path / 'live.mcap'}", *printed, "pairing.wait:=5.0")
+    peer.wait_for_node()
+    for stamp, flexion, axial in zip(*map(list, walking(100.0, 4.0)), strict=True):
+        peer.send(int(stamp), float(flexion), float(axial))
+        peer.spin(0.002)
+    peer.wait_until(lambda: "rings by up to" in peer.problems.get("knee_contact: ringing", ""))
+    log = node.stop()
+    largest = float(
+        re.findall(r"the contact force rings by up to ([\d.]+) N: loading rate", log)[-1]
+    )
+    model = load_model(
+        [{"contact.law": "two_layer_viscoelastic", "contact.damp_first_layer": False}]
+    )
+    known = np.abs(model.ringing(read_answers(tmp_path / "live.mcap")))
+    assert 0.9 * known[20:].max() < largest < 1.1 * known.max()
+
+
 @pytest.mark.parametrize(
     ("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)]
 )
