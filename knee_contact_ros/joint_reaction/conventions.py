@@ -9,7 +9,8 @@ knee more, the more it is bent.
 import math
 from dataclasses import dataclass, field
 
-from .leg import Ground, Joints
+from .leg import SECONDS_PER_NANOSECOND, Ground, Joints
+from .walking import LONGEST_SWING, STANCES, UNLOADED
 
 _STANDS = 0.5
 """Ground force [body weights] above which the foot is level, and its centre of pressure known"""
@@ -32,6 +33,13 @@ _REVERSED = -0.4
 """Correlation of flexion and net moment below which the moment is turned; in fifteen trials it was 0.47 to 0.91"""
 _BEHIND = -0.02
 """Most backward mean place [m] of the centre of pressure, from the ankle; in ten strides it was 43 to 88 mm ahead"""
+_STRAIGHT = math.radians(25.0)
+"""Flexion [rad] below which a knee that bears `_BEARS` body weights stands in walking, and does not pedal"""
+_BEARS = 0.3
+_SHORTEST_SWING = 0.2
+"""Shortest swing [s] of walking"""
+_LEAST_PEAK = 0.7
+"""Largest ground force [body weights] that is too small for walking, where it is 1.0 to 1.3"""
 
 
 @dataclass
@@ -48,10 +56,21 @@ class LegCheck:
     """Sums by name; NaN where something is not measured"""
     _turned: tuple[float, float] = (math.inf, -math.inf)
     """Range of the angle [rad] that moves with the force: the thigh's, or the knee's with the net moment"""
+    _steps: int = 0  # in walking: a stance on a straight knee, a swing, a landing
+    _peak: float = 0.0  # largest force upwards [N]
+    _bears: bool = True  # whether the foot bears something
+    _since: int = 0  # stamp [ns] since when
+    _stood: bool = False  # whether it stood on a straight knee
 
-    def add_sample(self, joints: Joints, ground: Ground) -> None:
-        """Add a sample; what is not measured is NaN."""
+    def add_sample(self, stamp: int, joints: Joints, ground: Ground) -> None:
+        """Add a sample with its stamp [ns]; what is not measured is NaN."""
         forward, up, _ = ground.force
+        if up > self._peak:  # noqa: PLR1730  (max is called in every tick)
+            self._peak = up
+        if up > _BEARS * self.weight and joints.flexion < _STRAIGHT:
+            self._stood = True
+        if (up > UNLOADED * self.weight) != self._bears:
+            self._begin_phase(stamp)
         if not up > _STANDS * self.weight:
             return
         self.samples += 1
@@ -72,9 +91,32 @@ class LegCheck:
             self._sums[name] = self._sums.get(name, 0.0) + value
         self._turned = min(self._turned[0], angle), max(self._turned[1], angle)
 
+    def _begin_phase(self, stamp: int) -> None:
+        """Begin a stance or a swing at a stamp [ns]; count a step if the stance and swing before were those of one."""
+        lasted = (stamp - self._since) * SECONDS_PER_NANOSECOND
+        if self._bears:
+            self._stood &= STANCES[0] <= lasted <= STANCES[1]
+        else:
+            self._steps += self._stood and _SHORTEST_SWING <= lasted <= LONGEST_SWING
+            self._stood = False
+        self._bears, self._since = not self._bears, stamp
+
+    @property
+    def about_weight(self) -> str:
+        """Sentence about a walking foot that bears too little for the body weight; empty if it bears enough."""
+        part = self._peak / self.weight
+        if self.net or not self._steps or part >= _LEAST_PEAK:
+            return ""
+        return (
+            f"the foot of a walking leg bears {part:.2f} body weights at most, and in walking it is 1.0 to 1.3: is the "
+            "body's mass another person's, does the sensor miss a part, or does something else bear it (a harness)?"
+        )
+
     @property
     def sentences(self) -> list[str]:
-        """Sentences about conventions that are likely others; none where too little is known."""
+        """Sentences about a body weight and conventions that are likely others; none where too little is known."""
+        if self.about_weight:
+            return [self.about_weight]  # what follows is judged by the weight
         if self.samples < _JUDGED:
             return []
         mean = {name: value / self.samples for name, value in self._sums.items()}

@@ -19,7 +19,7 @@ degrees.
 """
 _MAX_WALKING_FORCE = 1.6
 """Largest ground force [body weights] of walking; running has 2 and more"""
-_UNLOADED = 0.05
+UNLOADED = 0.05
 """Ground force [body weights] below which a foot bears nothing"""
 _MAX_UNLOADED_TIME = 3.0
 """Longest time [s] in walking for which a foot bears nothing"""
@@ -52,7 +52,7 @@ class Movement:
             self._other_until = None
             self._bore = stamp
         self._last = stamp
-        if force > _UNLOADED:
+        if force > UNLOADED:
             self._bore = stamp
         if (force > _LOADED and flexion > _MAX_LOADED_FLEXION) or force > _MAX_WALKING_FORCE:
             self._other_until = stamp + round(_SLOW_STRIDE / SECONDS_PER_NANOSECOND)
@@ -63,11 +63,11 @@ class Movement:
 
 _STANCE = 0.71
 """Duration [s] of a stance before one was seen: the mean of the strides in `MEASURED_LOADS`"""
-_STANCES = (0.4, 1.3)
+STANCES = (0.4, 1.3)
 """Shortest and longest stance [s] of walking, from fast to very slow"""
 _SWING = 0.42
 """Duration [s] of a swing: the mean of the same strides"""
-_LONGEST_SWING = 1.0
+LONGEST_SWING = 1.0
 """Longest swing [s] of walking"""
 
 
@@ -149,7 +149,7 @@ class Stride:
             self.forget_strides()
             self._bears = force > _BEGIN
         self._last = stamp
-        bears = force > _UNLOADED
+        bears = force > UNLOADED
         if bears != self._bears:
             self._begin_phase(stamp, bears)
         if self._began is None:
@@ -158,10 +158,10 @@ class Stride:
         fade = min((stamp - self._walks_since) * SECONDS_PER_NANOSECOND / _FADE, 1.0)
         if bears:
             part = min(since / self._stance, 1.0 - _LATE_STANCE * min(force, _LATE_FORCE))
-            left = (_STANCES[1] - since) / _FADE
+            left = (STANCES[1] - since) / _FADE
             load = at_part(self._loads.stance, part)
         else:
-            left = (_LONGEST_SWING - since) / _FADE
+            left = (LONGEST_SWING - since) / _FADE
             load = at_part(self._loads.swing, since / _SWING)
         if left <= 0.0:
             self._began = None
@@ -183,7 +183,7 @@ class Stride:
         if self._began is None:
             return
         stance = (stamp - self._began) * SECONDS_PER_NANOSECOND
-        if _STANCES[0] <= stance <= _STANCES[1]:
+        if STANCES[0] <= stance <= STANCES[1]:
             self._stance = stance
             self._began = stamp
         else:

@@ -390,7 +390,8 @@ def convention_doubts(gait: Gait, weight: float | None) -> list[str]:
     joints = [knee, named.get("hip", unknown), named.get("ankle", unknown)]
     angles = np.column_stack([joint.at(stamps).values[:, 0] for joint in joints])
     seen = LegCheck(weight, net)
-    for of_joints, (x, y, z, *torque) in zip(angles.tolist(), wrenches.tolist(), strict=True):
+    rows = zip(stamps.tolist(), angles.tolist(), wrenches.tolist(), strict=True)
+    for stamp, of_joints, (x, y, z, *torque) in rows:
         ground = Ground((x, -y if net else y, z), tuple(torque))
-        seen.add_sample(Joints(*of_joints), ground)
+        seen.add_sample(stamp, Joints(*of_joints), ground)
     return seen.sentences

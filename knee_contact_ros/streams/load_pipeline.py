@@ -221,7 +221,7 @@ class LoadPipeline(Pipeline[LoadAnswer]):
     def answer_pair(self, pair: PairedSample) -> LoadAnswer:
         """Estimate the joint reaction."""
         sensed = self._sense(pair)
-        self.conventions.add_sample(sensed.joints, sensed.ground)
+        self.conventions.add_sample(sensed.stamp, sensed.joints, sensed.ground)
         estimate = self._estimator.estimate(*sensed)
         stamp = pair.load.stamp
         frame = self.parameters.frame.tibia

@@ -36,13 +36,50 @@ def net(rows):
     return np.column_stack([flexion + 0.1 * rows[:, 0], *rows[:, 1:5].T, extends])
 
 
-def sentences(rows, is_net=False):
-    seen = LegCheck(WEIGHT, is_net)
-    for flexion, hip, ankle, forward, up, moment in rows.tolist():
-        seen.add_sample(
-            Joints(flexion, hip, ankle), Ground((forward, up, 0.0), (0.0, 0.0, moment))
-        )
+STEP = 10_000_000
+"""Time [ns] between two samples"""
+
+
+def sentences(rows, is_net=False, weight=WEIGHT):
+    seen = LegCheck(weight, is_net)
+    for number, (flexion, hip, ankle, forward, up, moment) in enumerate(rows.tolist()):
+        joints = Joints(flexion, hip, ankle)
+        seen.add_sample(STEP * number, joints, Ground((forward, up, 0.0), (0.0, 0.0, moment)))
     return seen.sentences
+
+
+def walk(seed=None, swing=0.42, strides=2):
+    """Strides of an insole and an encoder: stances, and swings that last as long [s]."""
+    stood = stance(seed)
+    swung = np.tile([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], (round(1e9 * swing / STEP), 1))
+    rows = np.concatenate([stood, swung] * strides + [stood])
+    rows[:, [1, 2, 5]] = np.nan
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("rows", "kilograms", "told"),
+    [
+        (walk(), 150.0, True),  # for 71 kg
+        (walk(strides=1), 150.0, True),
+        (walk(), 80.0, False),
+        (walk(swing=3.0), 150.0, False),  # stands up and sits down
+        (walk() + np.radians([30, 0, 0, 0, 0, 0]), 150.0, False),  # pedals
+        (stance(), 150.0, False),  # does not walk
+    ],
+)
+def test_a_body_mass_of_another_person_is_doubted_where_a_leg_walks(rows, kilograms, told):
+    said = sentences(rows, weight=9.80665 * kilograms)
+    assert [each.startswith("the foot of a walking leg bears 0.5") for each in said] == [
+        True
+    ] * told
+    assert sentences(rows, is_net=True, weight=9.80665 * kilograms) == []
+
+
+@pytest.mark.parametrize("seed", range(0, 2000, 100))
+def test_no_walker_of_two_thousand_is_too_heavy(seed):
+    for one in range(seed, seed + 100):
+        assert sentences(walk(one)) == [], one
 
 
 @pytest.mark.parametrize(
