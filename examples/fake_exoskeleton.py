@@ -59,6 +59,7 @@ class FakeExoskeleton(Node):
     def __init__(self) -> None:
         super().__init__("fake_exoskeleton")
         self.torque: float | None = None
+        self._told = True
         self._encoder = self.create_publisher(JointState, "exo/encoder", qos_profile_sensor_data)
         self._insole = self.create_publisher(Vector3Stamped, "exo/insole", qos_profile_sensor_data)
         self.create_subscription(
@@ -81,9 +82,11 @@ class FakeExoskeleton(Node):
         self.torque = command.data[0]
 
     def _tell(self) -> None:
-        torque = (
-            "no command" if self.torque is None else f"the motor is told {self.torque:.1f} N m"
-        )
+        """Log the first command, and at the beginning that there is none."""
+        if self._told == (self.torque is not None):
+            return
+        self._told = self.torque is not None
+        torque = f"the motor is told {self.torque:.1f} N m" if self._told else "no command"
         self.get_logger().info(f"walking; {torque}")
 
 

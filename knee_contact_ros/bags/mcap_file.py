@@ -309,7 +309,7 @@ class McapFile(BagFile):
                 self._note(f"{expected - total} of {expected} messages are missing")
             elif total > expected:
                 self._note("the statistics do not fit")
-        if not self._has_end:
+        if not self._has_end and (self._has_header or self.declared):
             self.faults.insert(0, "the end is missing: the recording was cut off")
         if not self._has_header:
             self.faults.insert(0, "the beginning is damaged, or this is no MCAP file")

@@ -216,7 +216,7 @@ def show_load(
     show_table(("", "[N]", "[BW]"), cells, right=["[N]", "[BW]"])
     show_pairs(
         [
-            ("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s"),
+            ("estimates", f"{len(stamps)} in {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s"),
             ("level", summary.level),
             ("constants", constants),
             *((name, safe_cell(value)) for name, value in rows.items()),

@@ -22,7 +22,7 @@ from ..msg import KneeContact, LoadEstimate
 from ..streams.topics import is_lateral
 from ..system.errors import IncompleteError, UsageError, printable, suggest
 from ..system.processes import unwinding_on_signals
-from ..system.ros import make_executor, one_line_ros_errors
+from ..system.ros import graph_words, make_executor, one_line_ros_errors
 from ..system.terminal import say
 
 ANSWERS = {
@@ -294,15 +294,12 @@ def missing_sentence(node: Node, wanted: str) -> str:
     everyone = {
         f"{space.rstrip('/')}/{each}" for each, space in node.get_node_names_and_namespaces()
     }
-    where = f"ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}, discovery range " + (
-        os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
-    )
     if wanted and name in everyone:
         return f"{name} offers no answers: it is not configured, or another kind of node"
     others = sorted(everyone - {node.get_fully_qualified_name()})
     hint = suggest(name, others, f"there are {', '.join(others) or 'no nodes'}")
     what = name if wanted else "node with knee_contact or load_estimate"
-    return f"no {what} in {where}; {hint}"
+    return f"no {what} in {graph_words()}; {hint}"
 
 
 def run_watch(wanted: str, once: bool, as_json: bool, wait: float) -> None:

@@ -85,6 +85,8 @@ class InputCheck:
     """Part of the whole knee's load that the loads are; None: not known"""
     names: str = "knee.flexion_"
     """Beginning of the names of the parameters `sign` and `offset`"""
+    unit: str = ""
+    """What to write if the angles are degrees"""
     ticks: int = 0
     """Number of ticks"""
     min_load: float = math.inf
@@ -248,8 +250,11 @@ class InputCheck:
             raw = f"{least:.4g} to {most:.4g}"
             often = f"{self.angles_outside} of {self.ticks} ticks are beyond"
             if most - least > MAX_RANGE_OF_MOTION:
-                return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
+                return (
+                    f"{span}, {knee} ({often}): are {raw} degrees instead of radians{self.unit}?"
+                )
             cause = f"does it have an offset ({self.names}offset, in rad), or is it in degrees instead of radians"
+            cause += self.unit
             if least < MIN_FLEXION and -most >= MIN_FLEXION and -least <= MAX_FLEXION:
                 cause = f"is its sign the other one ({self.names}sign -1), {cause}"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"

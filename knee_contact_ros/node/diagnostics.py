@@ -18,7 +18,7 @@ from ..streams.pipeline import Pipeline
 from ..streams.publisher_conflicts import PublisherConflict
 from ..streams.timeline import Timeline
 from ..streams.topics import NANOSECONDS
-from ..system.ros import resolve_topic
+from ..system.ros import graph_words, resolve_topic
 from .inputs import Input, Inputs
 from .outputs import WARNING_FILL, Outputs
 from .problems import (
@@ -414,7 +414,7 @@ class Health:
             return
         self._find_reasons(inputs)
         names = " and ".join(resolve_topic(self._node, stream.topic) for stream in silent)
-        text = f"nothing received on {names} for {SILENCE:g} s or more"
+        text = f"nothing received on {names} for {SILENCE:g} s or more, in {graph_words()}"
         if any(each.publishers and not (each.meter.received or each.handed) for each in silent):
             text += (
                 ", although there is a publisher: it sends nothing, or it runs as another user, whose shared "

@@ -30,7 +30,7 @@ from ..streams.frames import (
     encode_transform,
     isb_transform,
 )
-from ..system.errors import UsageError
+from ..system.errors import UsageError, suggest
 from ..system.files import installed_share
 from ..system.ros import resolve_topic
 from .problems import (
@@ -407,12 +407,12 @@ def installed_types(source: TopicSource, by: str) -> Typestore:
             raise UsageError(
                 f"parameter {by}: {name} needs the ROS 2 package {package}, which is not installed"
             )
+        definition = share / "msg" / f"{message}.msg"
+        if not definition.exists():
+            hint = suggest(message, [each.stem for each in definition.parent.glob("*.msg")])
+            raise UsageError(f"parameter {by}: {package} has no message {message}; {hint}")
         try:
-            store.register(
-                get_types_from_msg(
-                    (share / "msg" / f"{message}.msg").read_text(encoding="utf-8"), name
-                )
-            )
+            store.register(get_types_from_msg(definition.read_text(encoding="utf-8"), name))
         except Exception as error:  # a definition by somebody else
             reason = " ".join(str(error).split())
             raise UsageError(

@@ -216,8 +216,9 @@ class ManagedNode(LifecycleNode):
             session.destroy_endpoints()
             paired = session.pipeline.synchroniser
             missing = paired.angle_time.missing + paired.load_time.missing
+            refused = session.pipeline.refused
             self.get_logger().info(
-                f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused"
+                f"{session.pipeline.ticks} ticks, {refused} sample{'s' * (refused != 1)} refused"
                 + (f", {missing} missing (holes in the stamps)" if missing else "")
             )
             if unanswered := unanswered_sentence(

@@ -1,6 +1,5 @@
 """Why an input is silent, and the line to write: another type on its topic, a misspelt name, two swapped topics."""
 
-import os
 from collections.abc import Collection, Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
@@ -69,8 +68,7 @@ def _other_topic(by: str, kind: str, name: str, graph: Graph) -> str:
         return suggest(name, right, f"{kind} is on {list_names(sorted(right))}", cutoff=0.5)
     topics = [topic for topic, types in graph.items() if types]
     if not topics:
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        return f"no other node publishes anything in ROS domain {domain}"
+        return "no other node publishes anything there"
     return suggest(name, topics, "and nobody publishes that type", cutoff=0.75)
 
 

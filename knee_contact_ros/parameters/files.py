@@ -171,6 +171,8 @@ def values_set_in(
         files = shipped_parameter_files(schema.folder)
         shipped = {each.stem: str(Path(schema.folder, each.stem)) for each in files}
         near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
+        letters = ".*".join(map(re.escape, path.stem))
+        near += sorted((each for each in shipped if re.match(letters, each)), key=len)  # as oa
         reason = f"there is no such file, and it is not one of the package's own ({', '.join(shipped.values())})"
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{shortened(str(name))}: cannot read the parameter file: {reason}")

@@ -6,6 +6,7 @@ A parameter is an attribute of a section: its type, default and limits, and belo
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import (
@@ -48,8 +49,18 @@ def allowed_if(allows: Callable[[Any], bool], words: str) -> AllowedValues:
 
 
 def one_of(*allowed: str | float) -> AllowedValues:
-    """Return a rule that allows these values only."""
-    return allowed_if(allowed.__contains__, ", ".join(map(str, allowed)))
+    """Return a rule that allows these values only, and names the one that a misspelt text comes near."""
+    words = ", ".join(map(str, allowed))
+
+    def check(value: Any) -> Any:
+        if value not in allowed:
+            near = get_close_matches(str(value), map(str, allowed), n=1)
+            raise ValueError(
+                f"allowed: {words}" + "".join(f"; did you mean {each}?" for each in near)
+            )
+        return value
+
+    return AllowedValues(check, words)
 
 
 def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> AllowedValues:

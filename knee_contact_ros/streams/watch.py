@@ -63,6 +63,7 @@ def doubts_about(parameters: Parameters, model: KneeModel, is_lateral: bool = Fa
         None if body_weight_doubt(weight) else weight,
         not model.height_prescribed,
         1.0 - share if is_lateral else share,
+        unit=unit_hint(parameters),
     )
     doubts = parameter_doubts(parameters, model)
     return Doubts(
@@ -72,6 +73,12 @@ def doubts_about(parameters: Parameters, model: KneeModel, is_lateral: bool = Fa
         inputs,
         AxisCheck(parameters.inputs()[1].topic, turned_by(parameters)),
     )
+
+
+def unit_hint(parameters: Parameters) -> str:
+    """Phrase that says how a source with fields takes degrees; empty if it has none."""
+    source = parameters.angle_source
+    return f" (write deg behind the field of {source})" if parameters.inputs()[0].fields else ""
 
 
 def typical_share(parameters: Parameters) -> float:

@@ -43,6 +43,13 @@ def private_graph() -> Iterator[dict[str, str]]:
         yield {"ROS_DOMAIN_ID": str(domain)} | loopback_environment(os.environ)
 
 
+def graph_words() -> str:
+    """Return a phrase for the ROS graph in which this process looks for others."""
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    discovery = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
+    return f"ROS domain {domain}, discovery range {discovery}"
+
+
 def loopback_environment(environment: Mapping[str, str]) -> dict[str, str]:
     """Return environment variables that keep DDS on the loopback interface."""
     if "fastrtps" in environment.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"):

@@ -138,18 +138,18 @@ KNEE_PLOTS = (
     _FLEXION_PLOT,
     Plot(
         FORCES,
-        "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]",
+        "Contact force (orange), load (grey) [BW of {weight} N]",
         (*_FORCE_SERIES, *_LOAD_SERIES),
-        title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]",
+        title_of_several="Contact force (thick), load, force - load [BW of {weight} N]",
     ),
-    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", _DEPTH_SERIES),
+    Plot(DEPTHS, "Depth, below 0 when apart [mm]", _DEPTH_SERIES),
 )
 """Plots next to the sagittal plane"""
 _FORCES_WITHOUT_LOAD = Plot(
     FORCES,
-    "Contact force ± error [BW of {weight} N]",
+    "Contact force [BW of {weight} N]",
     _FORCE_SERIES,
-    title_of_several="Contact force ± error, thick [BW of {weight} N]",
+    title_of_several="Contact force (thick) [BW of {weight} N]",
 )
 """Plot `FORCES` if the femoral height is prescribed, so that no load drives the model"""
 SOLVER_PLOTS = (
@@ -240,7 +240,7 @@ DETAIL_PLOTS = (
     ),
     _single(
         "strain",
-        "Nominal strain of the cartilage [%]",
+        "Nominal strain of {thickness} mm of cartilage [%]",
         "strain [%]",
         colours.DEPTH,
         2.0,
@@ -280,8 +280,11 @@ def plots_of(knee: KneeOutlines, latency: bool) -> list[Plot]:
 def title_of(knees: Sequence[KneeOutlines], plot: Plot) -> str:
     """Return the title of a plot: its quantities, unit and colours; with several knees, the colours of the knees."""
     weight = " or ".join(sorted({f"{knee.body_weight:.0f}" for knee in knees}))
+    thick = {f"{MM * knee.patch.thickness:.3g}" for knee in knees if knee.patch}
     several = len(knees) > 1
-    title = ((several and plot.title_of_several) or plot.title).format(weight=weight)
+    title = ((several and plot.title_of_several) or plot.title).format(
+        weight=weight, thickness=" or ".join(sorted(thick))
+    )
     if plot.path == DEPTHS and any(knee.has_bone for knee in knees):
         title += "; bone begins, pink"
     if plot.path == DEPTHS and any(knee.rings for knee in knees):

@@ -151,6 +151,10 @@ def test_an_output_is_replaced_only_when_asked(cut, tmp_path):
     [
         (None, "is not there"),
         (b"text", "is no MCAP file"),
+        (
+            b"\x89PNG\r\n\x1a\n" + bytes(99),
+            r"or this is no MCAP file; bytes 0 to 107 cannot be read",
+        ),
         (b"", "is no MCAP file"),
         (b"SQLite format 3\0", "sqlite3"),
     ],

@@ -18,6 +18,7 @@ from knee_contact_ros.lab.study_file import Study
 from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer, Range
 from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.model.types import ROW
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.files import load_parameters
@@ -307,6 +308,20 @@ def doubts(**values):
         {name.replace("__", "."): value for name, value in values.items()}
     )
     return doubts_about(parameters, build_model(parameters))
+
+
+@pytest.mark.parametrize(
+    ("source", "told"), [("/a exo_msgs/Knee deg_not_said", True), ("/a", False)]
+)
+def test_a_field_in_degrees_is_told_with_what_to_write(source, told):
+    watched = doubts(knee__source=source)
+    rows = np.zeros(200, ROW)
+    rows["stamp"], rows["flexion_angle"] = np.arange(200) * 5 * MILLISECOND, np.arange(200) % 60
+    rows["load"] = 500.0
+    watched.add_answers(rows)
+    (said,) = watched.about_inputs[:1]
+    assert "degrees instead of radians" in said
+    assert ("write deg behind the field of knee.source" in said) == told
 
 
 def test_the_defaults_and_all_shipped_files_make_sense(config):

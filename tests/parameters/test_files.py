@@ -238,6 +238,10 @@ REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
         ({"contact.damping": "five"}, r"contact\.damping: 'five' is not .* a valid number"),
         ({"contact.damping": float("nan")}, "nan is not allowed; it should be a finite number"),
         ({"contact.law": "hook"}, r"'hook' is not allowed; allowed: .*hertz, kelvin_voigt"),
+        (
+            {"contact.law": "kelvin_voight"},
+            r"gonthier, elastic_foundation; did you mean kelvin_voigt\?",
+        ),
         ({"record.max_size": 0.01}, r"0\.01 .*; allowed: 0 \(off\) or a number >= 0\.1"),
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
@@ -268,6 +272,7 @@ MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
     Parameters: [
         ("nowhere.yaml", r"nowhere\.yaml: cannot read the parameter file"),
         ("osteoarthritic", rf"^osteoarthritic: .* {OURS}; did you mean osteoarthritis\?$"),
+        ("oa", rf"^oa: .* {OURS}; did you mean osteoarthritis\?$"),
         ("xyz", r"own \([^)]*\)$"),
         *(
             (one, r"^parameters: .* is not allowed; a parameter file's name, a mapping of")

@@ -2,6 +2,7 @@
 what ends it.
 """
 
+import re
 import signal
 import socket
 import subprocess
@@ -117,6 +118,7 @@ def test_a_silent_input_is_named(peer, start_node):
     assert "write knee.source: joint_states std_msgs/Float64 data on arrival" in output
     assert "listening to /exo/joint_states and /joint_reaction_force" in output
     assert output.count("nothing received on /exo/joint_states") == 1
+    assert re.search(r"for 5 s or more, in ROS domain \d+, discovery range \w+", output)
 
 
 def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer, start_node):

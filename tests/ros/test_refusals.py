@@ -45,7 +45,7 @@ REFUSED = [
     (
         "node",
         "-p 'knee.source:=/a std_msgs/Float65 data'",
-        "definition of std_msgs/msg/Float65 cannot be read",
+        "std_msgs has no message Float65; did you mean Float6",
     ),
     (
         "node",

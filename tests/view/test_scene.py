@@ -263,7 +263,7 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path):
     rows = np.asarray(model.run(time, angle, 0.0 * time, 0.0335 - 1e-4 * np.sin(30.0 * time)))
     drawing = outlines_of(model, "knee", WEIGHT)
     (forces,) = (plot for plot in plots_of(drawing, latency=False) if plot.path == FORCES)
-    assert title_of([drawing], forces) == "Contact force ± error [BW of 737 N]"
+    assert title_of([drawing], forces) == "Contact force [BW of 737 N]"
     assert not any("load" in series.name for series in forces.series)
     path = written(tmp_path / "knee.rrd", drawing, [rows])
     assert column(path, f"/knee/curves/{FORCES}").shape == (20, 3)
@@ -424,6 +424,10 @@ def test_several_knees_have_different_colours(knee):
     drawing, _ = knee
     both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
     assert title_of(both, KNEE_PLOTS[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
+    thin = drawing._replace(knee="thin", patch=drawing.patch._replace(thickness=2e-3))
+    (strain,) = (plot for plot in DETAIL_PLOTS if plot.path == "strain")
+    assert title_of([thin], strain) == "Nominal strain of 2 mm of cartilage [%]"
+    assert title_of([drawing, thin], strain).startswith("Nominal strain of 0.5 or 2 mm of")
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
     assert title_of([still, drawing], DETAIL_PLOTS[0]).endswith("[mm]: knee orange")
     assert len({*KNEE_COLOURS.values()}) == len(KNEE_COLOURS)

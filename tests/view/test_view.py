@@ -357,7 +357,11 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene):
     with rendered(scene) as screen:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
-        others = {plot.title for plot in (*DETAIL_PLOTS, *SOLVER_PLOTS) if not plot.live}
+        others = {
+            plot.title.format(thickness="0.5")
+            for plot in (*DETAIL_PLOTS, *SOLVER_PLOTS)
+            if not plot.live
+        }
         others |= {
             f"knee: {name}" for name in ("leg and contact force", "contact and level", "events")
         }
