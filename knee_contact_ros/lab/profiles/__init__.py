@@ -29,7 +29,7 @@ from .fit import (
     fit,
 )
 from .slices import contact_centre
-from .surfaces import Surface, read_surface
+from .surfaces import Surface, cropped, read_surface
 
 LABEL_WIDTH = 11
 """Width of a line's label on the terminal, with the space after it"""
@@ -92,10 +92,11 @@ def run_fit_profile(options: ProfileOptions) -> list[str]:
         check_not_input(path, filter(None, (mesh, bone)))
         if not options.overwrite:
             check_name_free(path)
-    surface = read_surface(mesh, options.unit, options.axes, options.label, options.left)
+    how = options.unit, options.axes
+    surface = cropped(read_surface(mesh, *how, options.label, options.left), femur)
     under = None
     if bone:
-        under = read_surface(bone, options.unit, options.axes, options.bone_label, options.left)
+        under = cropped(read_surface(bone, *how, options.bone_label, options.left), femur)
     z = _slice_place(options, surface)
     found = fit(
         surface, z, femur=femur, bone=under, tolerance=options.tolerance, slab=options.slab

@@ -26,6 +26,8 @@ from .label_maps import LABEL_MAPS, read_label_map
 _MESH_UNITS = ("m", "mm", "cm")
 _PLAUSIBLE_SIZES = (0.008, 0.7)
 """Generous range of the longest edge of the box around a cartilage or bone of the knee [m]"""
+_KNEE, _WHOLE = 0.10, 0.15
+"""Height [m] of what is used of a whole bone, at the knee; height from which a bone is one"""
 _CLOUD_SUFFIXES = (".txt", ".xyz", ".csv", ".asc", ".dat")
 _LARGEST_FILE = 128_000_000
 """Largest size of a mesh's file [B]: 2.5 million triangles"""
@@ -139,6 +141,21 @@ def read_surface(
     turned = np.ascontiguousarray(points[:, places] * signs) * UNIT_FACTORS["length"][unit]
     known_axes = axes is None and usual not in {_BODY_AXES, _LEFT_BODY_AXES}
     return Surface(path, turned, triangles, axes or usual, remarks, known_axes)
+
+
+def cropped(surface: Surface, femur: bool) -> Surface:
+    """Return the part of a whole bone that is at the knee; another surface as it is."""
+    height = surface.points[:, 1] if femur else -surface.points[:, 1]
+    height = height - height.min()
+    if height.max() <= _WHOLE:
+        return surface
+    near = height <= _KNEE
+    remark = f"of a bone {MM * height.max():.0f} mm long, {MM * _KNEE:.0f} mm at the knee are used"
+    return surface._replace(
+        points=surface.points[near],
+        triangles=(np.cumsum(near) - 1)[surface.triangles[near[surface.triangles].all(axis=1)]],
+        remarks=(*surface.remarks, remark),
+    )
 
 
 def _axes_in(space: str, left: bool = False) -> str:

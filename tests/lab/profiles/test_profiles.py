@@ -14,7 +14,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles import picture
 from knee_contact_ros.lab.profiles.fit import SMOOTHING_TOLERANCE, concave, fit
 from knee_contact_ros.lab.profiles.slices import contact_centre
-from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
+from knee_contact_ros.lab.profiles.surfaces import Surface, cropped, read_surface
 from knee_contact_ros.model.mechanisms import hinge
 from knee_contact_ros.model.profiles import Profile
 from knee_contact_ros.model.surfaces import ContactPair, Plane
@@ -165,6 +165,27 @@ def test_the_automatic_slice_lies_beside_the_middle_between_the_condyles(off, le
     path = spaced(tmp_path / "a.stl", (both[:, [2, 0, 1]], faces), "RAS")
     found = contact_centre(read_surface(path, left=left), True, True)
     assert found == pytest.approx(MIDDLE + off, abs=0.05 * MM + EDGE / 2.0)
+
+
+@pytest.mark.parametrize("is_femur", [True, False])
+def test_of_a_whole_bone_the_end_at_the_knee_is_used(is_femur, tmp_path):
+    """A shaft, and an end far away that is wider and lies more to the side than the knee's."""
+    end, triangles = swept(femoral_curve() if is_femur else tibial_curve())
+    up = 1.0 if is_femur else -1.0
+    place = np.array([0.0, up * 0.35, -0.09])
+    points = np.concatenate([end, np.array([1.0, -1.0, 1.0]) * end + place])
+    path = saved(
+        tmp_path / "whole.stl", (points, np.concatenate([triangles, triangles + len(end)]))
+    )
+    alone = saved(tmp_path / "end.stl", (end, triangles))
+    found, wanted = (
+        contact_centre(cropped(read_surface(each), is_femur), is_femur, True)
+        for each in (path, alone)
+    )
+    assert found == wanted
+    (remark,) = cropped(read_surface(path), is_femur).remarks
+    assert "100 mm at the knee are used" in remark
+    assert not cropped(read_surface(alone), is_femur).remarks
 
 
 @pytest.mark.parametrize(
