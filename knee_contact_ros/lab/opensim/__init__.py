@@ -167,7 +167,7 @@ def _run_tools(
         "quality": "\n".join(quality),
     }
     took = ", ".join(f"{step} {seconds:.1f} s" for step, seconds in done.seconds.items())
-    return own, record, [f"OpenSim: {took}", *quality]
+    return own, record, [f"OpenSim: {took}", *done.warned, *quality]
 
 
 def _bags_by_side(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree as ET
 
 from ...streams.topics import NANOSECONDS
 from ...system.errors import UsageError
@@ -19,17 +20,24 @@ from ..tables import read_storage, repaired
 from . import child
 from .setups import (
     CMC,
+    EXTERNAL_LOADS,
     STATIC,
     TOOLS,
     Setup,
     absolute_path,
     dynamics_setup,
+    localised,
     reactions_setup,
+    read_xml,
     static_setup,
 )
 
 _FAILURE = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 """Words of a log's line that reports a failure"""
+_WARNING = re.compile(r"\s*\[(?:warning|error|critical)\]", re.IGNORECASE)
+"""Beginning of a log's line that warns"""
+_TOLD = 3
+"""Largest number of warnings of a log that are told"""
 _MISSING_MESH = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 """Words of a line that reports that a bone cannot be drawn, which does not matter"""
 
@@ -51,6 +59,8 @@ class OpenSimRun(NamedTuple):
     """Wall time of each step [s]"""
     setups: tuple[Setup, ...]
     """The user's set-up files as they were run"""
+    warned: tuple[str, ...] = ()
+    """What the logs of the user's steps warn of, a line each"""
 
     def result(self, name: str) -> Path:
         """File with a result of the joint reaction step."""
@@ -68,6 +78,8 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
         setup._replace(path=work / absolute_path(setup.path).relative_to(folder))
         for setup in setups
     ]
+    for setup in own:
+        _prepare(setup)
     seconds: dict[str, float] = {}
 
     def run(setup: Setup) -> None:
@@ -80,6 +92,8 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
         run(setup)
     muscles = own[-1] = _for_muscles(own[-1])
     run(muscles)
+    logs = [(setup.step, work / "logs" / f"{setup.step}.log") for setup in own]
+    warned = tuple(f"OpenSim's {step}: {line}" for step, log in logs for line in warnings_in(log))
     place = muscles.folder
     forces, states = _results_of(muscles)
     reactions = reactions_setup(muscles, place / "knee_contact_reactions.xml", states, forces)
@@ -92,6 +106,7 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
         Path(),
         seconds,
         tuple(own),
+        warned,
     )
     kinematics = done.result("Kinematics_q")
     times = read_storage(kinematics).stamps / NANOSECONDS
@@ -113,6 +128,17 @@ def _copy_folder(folder: Path, work: Path) -> None:
         (work / "logs").mkdir(exist_ok=True)
     except (OSError, shutil.Error) as error:
         raise UsageError(f"cannot copy {folder}: {error}") from None
+
+
+def _prepare(setup: Setup) -> None:
+    """Write a set-up file, and its external loads, whose names were made relative to their folder."""
+    if setup.document is not None and setup.changed:
+        ET.ElementTree(setup.document).write(setup.path, "UTF-8", xml_declaration=True)
+    loads = setup.folder / setup.text(EXTERNAL_LOADS)
+    if loads.is_file():
+        document = read_xml(loads)
+        if localised(document, loads.parent, ("datafile", "external_loads_model_kinematics_file")):
+            ET.ElementTree(document).write(loads, "UTF-8", xml_declaration=True)
 
 
 def _run_tool(setup: Setup, log: Path) -> None:
@@ -144,6 +170,15 @@ def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -
         running(output=output, patience=5.0, cwd=folder, **command) as process,
     ):
         return process.wait()
+
+
+def warnings_in(log: Path) -> list[str]:
+    """Return the lines of a log that warn of something else than bones that cannot be drawn: the first, each once."""
+    text = log.read_text(encoding="utf-8", errors="replace")
+    lines = dict.fromkeys(line.strip() for line in text.splitlines() if _WARNING.match(line))
+    told = [line for line in lines if not _MISSING_MESH.search(line)]
+    more = [f"and {len(told) - _TOLD} more (--work DIR keeps its log)"] * (len(told) > _TOLD)
+    return told[:_TOLD] + more
 
 
 def failure_in(log: Path) -> str:

@@ -1,7 +1,8 @@
 """Set-up files of OpenSim's tools: which step each is for, what it reads and writes, and those that we write."""
 
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -45,6 +46,18 @@ _FILE_PROPERTIES = (
     "coordinate_file",
 )
 """Properties that name the files that a tool reads"""
+_WRITTEN_PROPERTIES = (
+    "results_directory",
+    "output_model_file",
+    "output_motion_file",
+    "output_marker_file",
+    "output_scale_file",
+)
+"""Properties that name what a tool writes"""
+_LISTS = {"force_set_files"}
+"""Properties with several names, divided by blanks"""
+_ELSEWHERE = re.compile(r"/|[A-Za-z]:|.*\\")
+"""A name that OpenSim's GUI wrote, on Windows or with the whole path"""
 _SHARED_PROPERTIES = (
     "model_file",
     "replace_force_set",
@@ -63,6 +76,10 @@ class Setup(NamedTuple):
     path: Path
     tool: ET.Element
     """The tool's element in the file"""
+    document: ET.Element | None = None
+    """The whole file, of a user's set-up"""
+    changed: bool = False
+    """Whether it must be written before it runs"""
 
     @property
     def name(self) -> str:
@@ -86,8 +103,12 @@ class Setup(NamedTuple):
 
     def needs(self) -> list[str]:
         """Files that the step reads."""
-        texts = [element.text or "" for tag in _FILE_PROPERTIES for element in self.tool.iter(tag)]
-        return [name for text in texts for name in text.split() if name not in UNSET]
+        names = []
+        for tag in _FILE_PROPERTIES:
+            for element in self.tool.iter(tag):
+                text = (element.text or "").strip()
+                names += text.split() if tag in _LISTS else [text]
+        return [name for name in names if name not in UNSET]
 
 
 def read_xml(path: Path, root: str | None = None) -> ET.Element:
@@ -125,6 +146,7 @@ def data_file(ground: Path, folder: Path | None = None) -> Path:
     name = text_in(read_xml(ground, "ExternalLoads"), ".//datafile")
     if name in UNSET:
         raise UsageError(f"{ground} names no datafile, which has the numbers")
+    name = _end_in(ground.parent, name) or name
     for place in (ground.parent, folder):
         if place and (place / name).is_file():
             return place / name
@@ -178,8 +200,74 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
             f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(there)}"
         )
     require("opensim", "opensim")
-    setups = [setup._replace(step=step) for step, setup in found.items() if setup]
+    setups = _of_this_folder([setup._replace(step=step) for step, setup in found.items() if setup])
     return _common_folder(setups), setups
+
+
+def _end_in(folder: Path, name: str) -> str:
+    """Return the longest end of a file's name that is there in a folder; empty if none is."""
+    parts = name.replace("\\", "/").split("/")
+    ends = ("/".join(parts[first:]) for first in range(len(parts)))
+    return next((end for end in ends if end.strip("/") and (folder / end).exists()), "")
+
+
+def _names_in(element: ET.Element, tags: Sequence[str]) -> Iterator[tuple[ET.Element, str]]:
+    """Yield the properties that name files, and each name that OpenSim's GUI wrote."""
+    for tag in tags:
+        for each in element.iter(tag):
+            text = (each.text or "").strip()
+            # Of several whole paths, which may have blanks, each begins with a drive or a slash.
+            for name in re.split(r"\s+(?=[A-Za-z]:|/)", text) if tag in _LISTS else [text]:
+                if _ELSEWHERE.match(name):
+                    yield each, name
+
+
+def localised(
+    element: ET.Element, folder: Path, tags: Sequence[str], roots: dict[str, Path] | None = None
+) -> bool:
+    """Make names of files that OpenSim's GUI wrote relative to the folder of their file; return whether there are any.
+
+    What stands before the names of files that are there is put into `roots`, with the folder that it is here; other
+    names in it, of what a tool has still to write, follow.
+    """
+    roots = {} if roots is None else roots
+    found = [*_names_in(element, tags)]
+    for each, name in found:
+        plain, end = name.replace("\\", "/"), _end_in(folder, name)
+        if end:
+            roots.setdefault(plain[: -len(end)], folder)
+        within = [root for root in roots if root and f"{plain}/".startswith(root)]
+        if within and not end:
+            end = os.path.relpath(roots[within[0]] / plain[len(within[0]) :], folder)
+        each.text = (each.text or "").replace(name, end or plain)
+    return bool(found)
+
+
+def _of_this_folder(setups: Sequence[Setup]) -> list[Setup]:
+    """Make names relative, and name the model where there is none: that of the step before, or the only one.
+
+    Raises:
+        UsageError: there is not one model in the folder.
+    """
+    done, written, roots = list[Setup](), Path(), dict[str, Path]()
+    for setup in setups:
+        tags = (*_FILE_PROPERTIES, *_WRITTEN_PROPERTIES)
+        changed = localised(setup.tool, setup.folder, tags, roots)
+        lacks = not setup.text("model_file")
+        if lacks:
+            models = [written] if written.name else sorted(setup.folder.glob("*.osim"))
+            if len(models) != 1:
+                raise UsageError(
+                    f"{setup.path} names no model_file, and its folder has {len(models)} models: write one into it"
+                )
+            element = next(setup.tool.iter("model_file"), None)
+            element = ET.SubElement(setup.tool, "model_file") if element is None else element
+            element.text = os.path.relpath(models[0], setup.folder)
+        outputs = [(each.text or "").strip() for each in setup.tool.iter("output_model_file")]
+        for output in outputs:
+            written = written if output in UNSET else setup.folder / output
+        done.append(setup._replace(changed=changed or lacks))
+    return done
 
 
 def _common_folder(setups: Sequence[Setup]) -> Path:
@@ -187,9 +275,10 @@ def _common_folder(setups: Sequence[Setup]) -> Path:
     places = [absolute_path(setup.folder) for setup in setups]
     for setup in setups:
         for name in setup.needs():
-            if name.startswith("/") or "\\" in name:
+            if _ELSEWHERE.match(name):
                 raise UsageError(
-                    f"{setup.path} names {name}; write file names relative to its folder, with /"
+                    f"{setup.path} names {name}, which is not in its folder; put it there, or write its name relative "
+                    "to its folder, with /"
                 )
             places.append(absolute_path(setup.folder / name).parent)
     folder = Path(os.path.commonpath(places))
@@ -210,7 +299,7 @@ def read_setup(path: Path) -> Setup | None:
     for step in _CHOOSABLE_STEPS:
         tool = root.find(TOOLS[step])
         if tool is not None and (step != STATIC or tool.find(".//StaticOptimization") is not None):
-            return Setup(step, path, tool)
+            return Setup(step, path, tool, root)
     return None
 
 

@@ -1,10 +1,12 @@
 """Set-up files and what comes of them, without OpenSim itself: test_by_opensim.py runs it."""
 
+import re
+
 import numpy as np
 import pytest
 
 from knee_contact_ros.lab.opensim.quality import assess, verdict
-from knee_contact_ros.lab.opensim.run import OpenSimRun, failure_in
+from knee_contact_ros.lab.opensim.run import OpenSimRun, failure_in, warnings_in
 from knee_contact_ros.lab.opensim.setups import Setup, plan, read_setup
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim.storages import write_storage
@@ -81,13 +83,13 @@ def test_steps_run_in_their_order(folder, steps, planned):
             "scale.xml",
             "<ScaleTool><model_file>/data/g.osim</model_file></ScaleTool>",
             ["."],
-            "to its folder, with /",
+            "names /data/g.osim, which is not in its folder",
         ),
         (
             "scale.xml",
             "<ScaleTool><model_file>C:\\g.osim</model_file></ScaleTool>",
             ["."],
-            "to its folder, with /",
+            "names C:/g.osim, which is not in its folder",
         ),
         (
             "scale.xml",
@@ -103,6 +105,62 @@ def test_set_up_files_that_cannot_be(folder, name, content, paths, says):
         (folder / name).write_text(content if content == "no xml" else f"<D>{content}</D>")
     with pytest.raises(UsageError, match=says):
         plan([folder / path for path in paths], STEPS)
+
+
+MINE = "C:\\Users\\Me\\my walk\\"
+
+
+def of_the_gui(text):
+    """A set-up file with whole paths of another computer, and the model that is open there."""
+    for tag in ("model_file", "output_model_file"):
+        if tag == "model_file" and "ScaleTool" not in text:
+            text = re.sub(
+                "<model_file>[^<]*</model_file>", "<model_file>Unassigned</model_file>", text
+            )
+    return re.sub(
+        r"(<\w+_(?:file|files|directory)>) *(?:\./)?([\w/.]+\.?\w*) *<",
+        lambda match: (
+            match[1]
+            + (match[2] if match[2] == "Unassigned" else MINE + match[2].replace("/", "\\"))
+            + "<"
+        ),
+        text,
+    )
+
+
+def test_set_up_files_as_the_gui_writes_them_are_those_of_their_folder(folder):
+    _, plain = plan([folder], [])
+    for name in ("scale.xml", "ik.xml", "rra.xml", "cmc.xml"):
+        path = folder / name
+        path.write_text(of_the_gui(path.read_text()))
+        assert MINE in path.read_text()
+    where, setups = plan([folder], [])
+    assert where == folder
+    for before, after in zip(plain, setups, strict=True):
+        assert after.changed
+        assert not before.changed
+        texts = [
+            {
+                each.tag: (each.text or "").strip().removeprefix("./")
+                for each in setup.tool.iter()
+                if not len(each)
+            }
+            for setup in (before, after)
+        ]
+        assert texts[0] == texts[1], after.path.name
+
+
+@pytest.mark.parametrize(("more", "words"), [("", "0 models"), ("a.osim b.osim", "2 models")])
+def test_a_set_up_file_without_a_model_needs_one_beside_it(folder, more, words):
+    (folder / "generic.osim").unlink()
+    for name in more.split():
+        (folder / name).write_text("<a/>")
+    scale = folder / "scale.xml"
+    scale.write_text(scale.read_text().replace("generic.osim", ""))
+    with pytest.raises(
+        UsageError, match=rf"scale\.xml names no model_file, and its folder has {words}"
+    ):
+        plan([folder], [])
 
 
 def test_set_up_files_in_several_folders(folder):
@@ -137,6 +195,18 @@ def test_set_up_files_in_several_folders(folder):
 def test_the_line_of_a_log_that_reports_a_failure(tmp_path, log, words):
     (tmp_path / "l").write_text(log)
     assert failure_in(tmp_path / "l") == words
+
+
+def test_warnings_of_a_log_are_told_once_and_not_those_of_bones(tmp_path):
+    lines = [
+        "[info] a",
+        "[warning] Couldn't find file 'talus.vtp'.",
+        *2 * ["[warning] marker X is not there"],
+    ]
+    (tmp_path / "l").write_text("\n".join(lines))
+    assert warnings_in(tmp_path / "l") == ["[warning] marker X is not there"]
+    (tmp_path / "l").write_text("\n".join(f"[error] {number}" for number in range(9)))
+    assert warnings_in(tmp_path / "l")[3:] == ["and 6 more (--work DIR keeps its log)"]
 
 
 ACTUATORS = """<D><ForceSet><defaults>
