@@ -289,7 +289,9 @@ class Estimator:
             self._stride.forget_strides()
         if is_implausible(joints, ground, reaction.axial, person.weight):
             return reaction, status | BIT_IMPLAUSIBLE
-        needed = reaction.muscles, reaction_of(person, joints.unassisted, net, vertical).muscles
+        needed = [reaction.muscles, reaction.muscles]
+        if joints.knee_assistance or joints.ankle_assistance:
+            needed[1] = reaction_of(person, joints.unassisted, net, vertical).muscles
         delay, is_measured = person.electromechanical_delay, not status & BIT_INPUT_HELD
         muscles = self._lag.forces_at(stamp, needed[0], delay, is_measured)
         unassisted = self._unassisted_lag.forces_at(stamp, needed[1], delay, is_measured)

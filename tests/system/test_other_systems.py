@@ -70,7 +70,7 @@ from knee_contact_ros.commands.main import main
 
 NEED_ROS = ("node", "msg", "commands.demo", "commands.replay", "commands.watch", "system.ros", "system.keyboard")
 
-if __name__ == "__main__":
+def import_all():
     for module in pkgutil.walk_packages(knee_contact_ros.__path__, "knee_contact_ros."):
         name = module.name.partition(".")[2]
         if not name.startswith(NEED_ROS) and "knee_contact-" not in name:
@@ -78,13 +78,18 @@ if __name__ == "__main__":
     assert knee_contact_ros.load_model("healthy").run(
         time=[0.0, 0.01], flexion_angle=[0.1, 0.1], load=[500.0, 500.0]
     ).contact_force[1] > 0.0
-    for command in json.loads(sys.argv[1]):
+
+if __name__ == "__main__":
+    commands = json.loads(sys.argv[1])
+    if len(commands) > 1:
+        import_all()
+    for command in commands:
         print(">", command, flush=True)
         # Two bags at once are another frame, which ends with 1.
         if (code := main(command.split())) > ("gait2354_left" in command):
             sys.exit(f"{command} ended with {code}")
 """
-"""Imports all that needs no ROS, and runs commands; guarded, as processes are spawned"""
+"""Runs commands, several after it has imported all that needs no ROS; guarded, as processes are spawned"""
 ANSWERS = ("out.csv", "femur.csv")
 """Files of numbers, which are the same on all systems"""
 
