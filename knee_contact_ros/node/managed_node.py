@@ -221,9 +221,8 @@ class ManagedNode(LifecycleNode):
                 f"{session.pipeline.ticks} ticks, {refused} sample{'s' * (refused != 1)} refused"
                 + (f", {missing} missing (holes in the stamps)" if missing else "")
             )
-            if unanswered := unanswered_sentence(
-                session.pipeline, session.inputs[1].meter.received
-            ):
+            angles, forces = (stream.meter.received for stream in session.inputs)
+            if unanswered := unanswered_sentence(session.pipeline, forces, angles > 0):
                 self.get_logger().warning(unanswered)
 
 

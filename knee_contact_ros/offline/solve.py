@@ -160,7 +160,8 @@ def _complete_summary(
     summary.refused = pipeline.synchroniser.refused
     if pipeline.varies:
         summary.split = pipeline.split
-    summary.unanswered = unanswered_sentence(pipeline, inputs.force_count)
+    has_angles = pipeline.synchroniser.angle_time.last is not None
+    summary.unanswered = unanswered_sentence(pipeline, inputs.force_count, has_angles)
     has_fields = pipeline.parameters.inputs()[0].fields
     joint = "" if has_fields else pipeline.parameters.knee.joint_name
     angles, forces = inputs.publishers()

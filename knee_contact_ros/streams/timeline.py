@@ -133,7 +133,7 @@ class Timeline(Generic[S]):
     @property
     def missing(self) -> int:
         """Number of samples that holes in even stamps, up to `max_gap`, show to be missing; a longer one is flagged."""
-        self._settle_hole()
+        self._settle_hole(STEPS // 2)
         return self._missing
 
     def forget_hole(self) -> None:
@@ -312,23 +312,25 @@ class Timeline(Generic[S]):
             if len(steps) <= 2 or step > usual or step < usual <= dropped:
                 self.step_limit = LONG_STEP * _usual_step(steps)
                 if dropped and dropped == self._hole[0]:
-                    self._settle_hole()
+                    self._settle_hole(STEPS)
         self.last = stamp
 
-    def _settle_hole(self) -> None:
-        """Count the samples that are missing in the last hole, if the steps after it are known and even."""
+    def _settle_hole(self, least: int) -> None:
+        """Count the samples that are missing in the last hole, if at least so many steps after it are known."""
         step, usual = self._hole
         after = [*self.steps]
         after = after[after.index(step) + 1 :] if step in after else after
-        if step and after:
+        if step and len(after) >= least:
             self._hole = 0, 0
-            if _are_even(after, usual):  # else one came late, and others made up for it
-                self._missing += round(step / usual) - 1
+            if _are_even(after, usual):  # else a sample came late, and a burst made up for it
+                number = round((step + sum(after)) / usual) - len(after) - 1
+                self._missing += max(number, 0)
 
     def _note_hole(self, step: int) -> None:
         """Remember a step [ns] that is too long, until it is known whether the steps go on as those before it."""
-        self._settle_hole()
-        self._hole, usual = (0, 0), sorted(self.steps)[STEPS // 2]
+        self._settle_hole(1)
+        self._hole, ordered = (0, 0), sorted(self.steps)
+        usual = sum(ordered[STEPS // 2 - 1 : STEPS // 2 + 1]) // 2
         if _are_even(self.steps, usual):
             self._usual_steps.append(usual)
             is_burst = 2 * usual < max(self._usual_steps)

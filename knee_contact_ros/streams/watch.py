@@ -437,8 +437,11 @@ def held_sentence(pipeline: Pipeline[Any], held: int) -> str:
     return f"{held} of {pipeline.ticks} answers to {forces} hold an old angle of {angles} (INPUT_HELD): {why}"
 
 
-def unanswered_sentence(pipeline: Pipeline[Any], forces: int) -> str:
-    """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
+def unanswered_sentence(pipeline: Pipeline[Any], forces: int, has_angles: bool) -> str:
+    """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty.
+
+    `has_angles`: whether any angle came.
+    """
     missing = forces - pipeline.ticks
     if missing <= max(MAX_UNANSWERED * forces, min(pipeline.ticks, 1)):
         return ""
@@ -449,6 +452,6 @@ def unanswered_sentence(pipeline: Pipeline[Any], forces: int) -> str:
         (ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE),
         "look at the stamps",
     )
-    if pipeline.synchroniser.angle_time.last is None:
+    if not has_angles:
         why, advice = "", f"is {next(iter(pipeline.sources.values()))} the topic of the angles?"
     return f"{missing} of {forces} forces have no answer ({why or 'no angle came'}): {advice}"

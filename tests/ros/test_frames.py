@@ -125,6 +125,16 @@ def test_forces_in_a_frame_of_the_world_are_told_once(peer, start_node):
     )
 
 
+def test_forces_of_an_unknown_frame_are_no_lack_of_angles(peer, start_node):
+    node = start_node("frame.tibia:=shank")
+    peer.wait_for_node()
+    for i in range(20):
+        peer.send_angle(i * STEP, 0.1)
+        send_force(peer, i * STEP, "load_cell", (0.0, -700.0, 0.0))
+    peer.wait_until(lambda: refused(peer, "frame_unknown") == 20)
+    assert "20 of 20 forces have no answer (20 x frame_unknown): give a static" in node.stop()
+
+
 def test_angles_may_come_from_ros2_control(peer, start_node, tmp_path):
     messages = pytest.importorskip("control_msgs.msg", reason="needs the ROS package control_msgs")
     try:
