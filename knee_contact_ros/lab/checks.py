@@ -370,7 +370,7 @@ def peak_doubts(
         return outside(load.where, "the peak", peak, "N", in_newtons, cure)
     if unit is not None:
         in_unit = peak / unit_factor(unit, "force", "load", weight)
-        for other in (PERCENT_BODY_WEIGHT, BODY_WEIGHTS, "kN", "kgf", "N", "lbf"):
+        for other in (PERCENT_BODY_WEIGHT, BODY_WEIGHTS, "kN", "kgf", "N", "lbf", "N/kg"):
             body_weights = in_unit * unit_factor(other, "force", "load", weight) / weight
             if usual[0] <= body_weights <= usual[1]:
                 cure = f"is {load.name}.unit {unit} right? In {other} it would be {body_weights:.2g} body weights"

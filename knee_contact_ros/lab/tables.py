@@ -177,7 +177,9 @@ def read_columns(
     if not len(numbers):
         raise UsageError(f"{path} has no rows below its names (line {header.line})")
     units = {
-        name: below.get(place) or (_unit_in_name(name) if isinstance(name, str) else "")
+        name: (below.get(place) or _unit_in_name(name))
+        if isinstance(name, str)
+        else ("" if header.data is not None else below.get(place, ""))
         for name, place in zip(names, places, strict=True)
     }
     times = numbers[:, 0] if time_columns else np.arange(float(len(numbers)))

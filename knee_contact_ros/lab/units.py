@@ -144,6 +144,8 @@ def check_unit(
         or name == unit_name(unit)
     ):
         return ()
+    if unit_name(unit) == f"{name}/kg":  # as in the C3D files of Plug-in Gait; peaks are checked
+        return (f"{path.name} says {name} of column {column}, read as {unit_name(unit)}",)
     # The end of a column's name may be another word: _n the normal load, _m the medial one.
     if stated == "_n" or (stated[0] == "_" and not known):
         return ()

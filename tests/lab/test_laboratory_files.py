@@ -223,6 +223,20 @@ def test_forces_per_mass_and_brackets_without_a_unit(importing):
     np.testing.assert_allclose(loads_of(content()[1]), load(time), atol=1e-3)
 
 
+def test_newtons_in_a_file_may_be_those_per_mass(importing, capsys):
+    """As in the C3D files of Plug-in Gait: they state N, and hold N/kg."""
+    time = np.arange(0.0, 3.0, 0.02)
+    table = {"time": time, "knee": flexion(time), "F [N]": load(time) / (WEIGHT / 9.80665)}
+    text = f"angle: {{column: knee, unit: deg}}\nload: {{column: 'F [N]', unit: N}}\nbody_weight: {WEIGHT}\n"
+    assert importing(table, text) == 2
+    assert "In N/kg it would be 2.2 body weights" in in_a_line(capsys.readouterr().err)
+    assert importing(table, text.replace("unit: N}", "unit: N/kg}")) == 0
+    assert "cells.csv says N of column F [N], read as N/kg" in in_a_line(capsys.readouterr().out)
+    np.testing.assert_allclose(loads_of(content()[1]), load(time), atol=1e-3)
+    table["F [N]"] = load(time)
+    assert importing(table, text.replace("unit: N}", "unit: N/kg}"), "--overwrite") == 2
+
+
 def of_sensors(stood=1.0, drift=0.0):
     """Quaternions w, x, y, z of thigh and shank, worn anyhow; headings drift apart by so many degrees."""
     time = np.arange(800) / 100.0
