@@ -140,7 +140,8 @@ def recording_from_arrays(gait: Mapping[str, ArrayLike], parameters: Parameters)
     def column(name: str) -> Floats:
         return columns.get(name, np.full(len(time), unknown))
 
-    check = InputCheck(parameters.body_weight, load_driven=parameters.drive != "displacement")
+    force = parameters.drive != "displacement"
+    check = InputCheck(parameters.body_weight, load_driven=force, share=1.0)
     loads = column("axial_load")
     check.add_samples(stamps, columns["flexion_angle"], loads if check.load_driven else 0.0 * time)
     return Recording(

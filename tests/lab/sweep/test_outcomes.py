@@ -11,6 +11,8 @@ from knee_contact_ros.lab.outcomes import OUTCOMES
 from knee_contact_ros.lab.recordings import Recording
 from knee_contact_ros.model.types import FLAT, ContactState, Status
 from knee_contact_ros.parameters.files import load_parameters
+from tests.model.test_inputs import WEIGHT
+from tests.model.test_inputs import gait as walk
 
 PAUSE = 0.51
 """[s] of the bag's hole, longer than `gait_events.GAP`"""
@@ -129,6 +131,19 @@ LOADED = STILL | {"axial_load": [700.0, 700.0]}
 def test_arrays_that_the_parameters_need_are_not_assumed(gait, params, said):
     with pytest.raises(knee_contact_ros.UsageError, match=f"^gait: .*{said}"):
         knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, params)
+
+
+@pytest.mark.parametrize("muscles", [False, True])
+def test_arrays_without_muscle_forces_are_doubted(muscles, recwarn):
+    """The axial load is that of the whole knee, whatever part of it the model takes."""
+    time, angle, load = walk()
+    axial = load if muscles else 1.1 * WEIGHT * load / load.max()
+    gait = {"time": time, "flexion_angle": angle, "axial_load": axial}
+    knee = {"body_weight": WEIGHT}
+    knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, knee)
+    assert ["the net joint force" in str(each.message) for each in recwarn] == [True] * (
+        not muscles
+    )
 
 
 def test_a_case_whose_rule_needs_a_moment_fails_without_one():
