@@ -7,6 +7,7 @@ unknown force; one that moves, or is about to land by the file's events, has non
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -26,6 +27,8 @@ from .units import Dimension, unit_factor
 
 _LOADED = 20.0
 """Vertical force [N] above which something stands on a plate"""
+_OFFSET, _OFTEN = 60.0, 0.1
+"""Largest force [N] of an unloaded plate whose amplifier has an offset, and smallest part of the time it is unloaded"""
 _SURE = 50.0
 """Vertical force [N] above which its centre of pressure is known"""
 _NEAR = 0.2
@@ -106,7 +109,9 @@ def ground_channels(
     if not plates.numbers:
         letter = "L" if side == "right" else "R"
         other = _foot(path, Plates(), places, found, rate, letter, needed=False)
-    known = [_plate(path, each, count) for each in read["data"]["platform"]]
+    kinds = np.ravel(read["parameters"]["FORCE_PLATFORM"]["TYPE"]["value"])
+    platforms = zip(read["data"]["platform"], kinds.tolist(), strict=False)
+    known = [_plate(path, each, kind, count) for each, kind in platforms]
     if not known:
         raise UsageError(f"{path} has no force plates (FORCE_PLATFORM:USED is 0)")
     up = _up(known[0], foot)
@@ -154,16 +159,20 @@ def _lands(path: Path, read: Any, side: str, at: Floats) -> NDArray[np.bool_]:
     return np.asarray(((before > 0.0) & (before <= _LANDING)).any(axis=0))
 
 
-def _plate(path: Path, platform: Any, count: int) -> _Plate:
-    """Return a plate in SI units at the times of the frames; unloaded it tells 0."""
+def _plate(path: Path, platform: Any, kind: int, count: int) -> _Plate:
+    """Return a plate of a type in SI units at the times of the frames; unloaded it tells 0.
+
+    Raises:
+        UsageError: it has no data, or an unknown unit.
+    """
     factors = {}
-    kinds: tuple[tuple[str, Dimension], ...] = (
+    quantities: tuple[tuple[str, Dimension], ...] = (
         ("force", "force"),
         ("moment", "moment"),
         ("position", "length"),
     )
-    for name, kind in kinds:
-        factors[name] = unit_factor(platform[f"unit_{name}"], kind, f"{path}: FORCE_PLATFORM")
+    for name, quantity in quantities:
+        factors[name] = unit_factor(platform[f"unit_{name}"], quantity, f"{path}: FORCE_PLATFORM")
     corners = platform["corners"].T * factors["position"]
     middle = corners.mean(axis=0)
     force, moment, free, centre = (
@@ -175,12 +184,20 @@ def _plate(path: Path, platform: Any, count: int) -> _Plate:
             ("center_of_pressure", "position"),
         )
     )
+    if not len(force):
+        raise UsageError(f"{path}: its force plates have no data")
     most = int(np.linalg.norm(force, axis=1).argmax())
-    if moment[most] @ (np.cross(centre[most] - middle, force[most]) + free[most]) < 0.0:
+    if kind == 3:
+        # ezc3d 1.7 turns a sensor's height that is positive, and with it the distances of the four sensors.
+        wide, _, height = np.ravel(platform["origin"]) * factors["position"]
+        down = np.cross(corners[0] - corners[1], corners[0] - corners[3])
+        lever = down / np.linalg.norm(down) * height
+        moment = moment if wide > 0.0 else 2.0 * np.cross(force, lever) - moment
+    elif moment[most] @ (np.cross(centre[most] - middle, force[most]) + free[most]) < 0.0:
         moment = -moment  # ezc3d 1.7 has another sign for plates of type 1
     force, moment = at_frames(force.T, count).T, at_frames(moment.T, count).T
-    idle = np.linalg.norm(force, axis=1) < _LOADED
-    if idle.any():
+    idle = np.linalg.norm(force, axis=1) < _OFFSET
+    if idle.mean() > _OFTEN:
         force = force - np.median(force[idle], axis=0)
         moment = moment - np.median(moment[idle], axis=0)
     return _Plate(middle, force, moment, corners)
@@ -221,6 +238,7 @@ def _foot(
         if given.ankle
         else [tuple(letter + one for one in way) for way in _ANKLES]
     )
+    places = {name: at for name, at in places.items() if np.isfinite(points[:, at]).any()}
     ankle = next((way for way in ways if all(name in places for name in way)), ())
     ends = [given.heel or f"{letter}HEE", given.toe or f"{letter}TOE"]
     lacking = [name for name in (given.heel, given.toe) if name and name not in places]
@@ -253,11 +271,11 @@ def _is_of(plate: _Plate, rows: slice, foot: _Foot, other: _Foot | None, up: Flo
         return False
     moment = np.cross(up, plate.moment[rows][sure]) / vertical[sure, None]
     centres = plate.centre + moment
-    near = [
-        float(np.nanmedian(_distances(centres, [end[rows][sure] for end in each.line], up)))
-        for each in (foot, other)
-        if each
-    ]
+    near = []
+    for each in filter(None, (foot, other)):
+        away = _distances(centres, [end[rows][sure] for end in each.line], up)
+        seen = away[np.isfinite(away)]
+        near.append(float(np.median(seen)) if len(seen) else math.inf)
     return near[0] < _NEAR and near[0] == min(near)
 
 

@@ -56,8 +56,11 @@ def raw_channels(number, kind, way):
     return np.vstack([force, moment])
 
 
-def write(kind=2, way=1, leave_out=()):
-    """A walk with a foot on each of two plates, as a C3D file in mm."""
+def write(kind=2, way=1, leave_out=(), unseen=(), sign=1.0, bias=0.0):
+    """A walk with a foot on each of two plates, as a C3D file in mm.
+
+    Markers may be `unseen`, the height of a plate's sensor have its other sign, and amplifiers a `bias` [N].
+    """
     ezc3d = pytest.importorskip("ezc3d")
     made = ezc3d.c3d()
     points = {"RKneeAngles": np.array([30.0 - 29.0 * np.cos(5.0 * TIME), 0 * TIME, 0 * TIME])}
@@ -80,6 +83,7 @@ def write(kind=2, way=1, leave_out=()):
         made["parameters"][group]["LABELS"]["value"] = labels
     made["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
     made["parameters"]["ANALOG"]["UNITS"]["value"] = 2 * units
+    sensor = [1.0, 1.0, sign] * (SENSORS if kind == 3 else ORIGIN)
     corners = []
     for place in MIDDLES.values():
         middle = turned[:, 0] * place
@@ -94,7 +98,7 @@ def write(kind=2, way=1, leave_out=()):
         "TYPE": [kind, kind],
         "ZERO": [1, 0],
         "CORNERS": np.transpose(corners, (2, 1, 0)),
-        "ORIGIN": np.stack([SENSORS if kind == 3 else ORIGIN] * 2, axis=1),
+        "ORIGIN": np.stack([sensor, sensor], axis=1),
         "CHANNEL": 1 + np.arange(len(channels)).reshape(2, -1).T,
         **({"CAL_MATRIX": np.stack([np.eye(6)] * 2, axis=2)} if kind == 4 else {}),
     }
@@ -102,9 +106,10 @@ def write(kind=2, way=1, leave_out=()):
         made["parameters"]["FORCE_PLATFORM"][name]["value"] = value
     made["data"]["points"] = np.ones((4, len(names), len(TIME)))
     made["data"]["points"][:3] = np.stack([points[name] for name in names], axis=1)
-    made["data"]["analogs"] = np.vstack([raw_channels(number, kind, way) for number in MIDDLES])[
-        None
-    ]
+    for name in unseen:
+        made["data"]["points"][:, names.index(name)] = np.nan
+    channels = np.vstack([raw_channels(number, kind, way) for number in MIDDLES])
+    made["data"]["analogs"] = channels[None] + bias
     made.write("walk.c3d")
 
 
@@ -140,6 +145,30 @@ def test_a_foot_is_found_on_its_plate_and_its_wrench_is_about_the_ankle(importin
     swings = (stamps < 0.98) | (stamps > 1.62)
     assert swings.sum() > 150
     np.testing.assert_allclose(force[swings], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        # As in a real file; ezc3d turns the distances of its sensors, too.
+        {"kind": 3, "sign": -1.0},
+        {"kind": 2, "sign": -1.0},
+        {"bias": 30.0},
+        {"unseen": ["RHEE"]},
+    ],
+)
+def test_what_real_files_have_does_not_move_the_force(importing, change):
+    write(**change)
+    assert importing(None, MAP, files=["walk.c3d"]) == 0
+    stamps, force, torque = wrenches()
+    lab, centre = ground(stamps, 2)
+    moment = np.cross(1e-3 * (centre - np.array([130.0, 1840.0, 90.0])[:, None]).T, lab.T)
+    inside = (stamps > 1.02) & (stamps < 1.58)
+    np.testing.assert_allclose(
+        force[inside], np.array([lab[1], lab[2], lab[0]]).T[inside], atol=2.0
+    )
+    np.testing.assert_allclose(torque[inside], moment[inside][:, [1, 2, 0]], atol=0.5)
+    np.testing.assert_allclose(force[(stamps < 0.98) | (stamps > 1.62)], 0.0, atol=1e-9)
 
 
 def test_a_left_foot_is_mirrored_and_a_plate_may_be_named(importing, capsys):
