@@ -252,9 +252,9 @@ def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
     rows = {"dropped": str(len(listener.published) - ticks)}
     if listener.latencies:
         median, p99, most = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
-        name = "from force" if JOINT_REACTION_FORCE in listener.inputs else "from sensors"
-        rows[name] = (
-            f"to answer {median:.2f} ms (median), {p99:.2f} ms (p99), {most:.2f} ms (largest)"
+        name = "force" if JOINT_REACTION_FORCE in listener.inputs else "sensors"
+        rows[f"{name} to answer"] = (
+            f"{median:.2f} ms (median), {p99:.2f} ms (p99), {most:.2f} ms (largest)"
         )
     if len(torques := listener.torques) > 1:
         highest = max(torques)
@@ -347,7 +347,7 @@ def play(
         listener.listen(node)
         replayer = Replayer(node, inputs=listener.inputs)
         tell_in_a_pipe("starting the node, which takes 5 to 30 s")
-        with progress("Starting the node (a new kind of knee is compiled)"):
+        with progress("Starting the node"):
             deadline = time.monotonic() + _START_TIMEOUT
             while not (
                 replayer.wait_for_subscribers(0.1, spin)

@@ -138,7 +138,7 @@ KNEE_PLOTS = (
     _FLEXION_PLOT,
     Plot(
         FORCES,
-        "Contact force (orange), load (grey) [BW of {weight} N]",
+        "Contact force (orange), load and their difference (grey) [BW of {weight} N]",
         (*_FORCE_SERIES, *_LOAD_SERIES),
         title_of_several="Contact force (thick), load, force - load [BW of {weight} N]",
     ),

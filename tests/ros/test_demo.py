@@ -137,7 +137,7 @@ def test_from_sensors_the_companions_torque_assists_the_knee_that_it_listens_to(
     done = run("demo", "--from-sensors", "--companion", "--output", tmp_path)
     assert done.returncode == 0, done.stderr
     words = " ".join(done.stdout.split())
-    assert "answers 387 in 1.93 s dropped 0 from sensors to answer" in words
+    assert "answers 387 in 1.93 s dropped 0 sensors to answer" in words
     assert (
         "load's level ground_force calibrated no: for looking, nothing may be limited or triggered by it"
         in words
