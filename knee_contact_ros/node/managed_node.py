@@ -215,11 +215,14 @@ class ManagedNode(LifecycleNode):
             self.complete &= session.complete_files()
             session.destroy_endpoints()
             paired = session.pipeline.synchroniser
-            missing = paired.angle_time.missing + paired.load_time.missing
+            streams = paired.angle_time, paired.load_time
+            missing = sum(each.missing for each in streams)
+            skipped = sum(each.skipped for each in streams)
             refused = session.pipeline.refused
             self.get_logger().info(
                 f"{session.pipeline.ticks} ticks, {refused} sample{'s' * (refused != 1)} refused"
                 + (f", {missing} missing (holes in the stamps)" if missing else "")
+                + (f", {skipped} where stamps paused or jumped" if skipped else "")
             )
             angles, forces = (stream.meter.received for stream in session.inputs)
             if unanswered := unanswered_sentence(session.pipeline, forces, angles > 0):

@@ -111,6 +111,8 @@ class Timeline(Generic[S]):
         """Step [ns] of the last jump"""
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
+        self.skipped = 0
+        """Number of samples that would fill the pauses and jumps of the stamps, of more than `max_gap`"""
         self._missing = 0
         self._hole = 0, 0  # the last step that was too long, and the usual one before it [ns]
         self._usual_steps: deque[int] = deque(maxlen=STEPS)  # [ns] before the last holes
@@ -304,7 +306,7 @@ class Timeline(Generic[S]):
             step = stamp - self.last
             steps = self.steps
             usual = self.step_limit // LONG_STEP
-            if len(steps) == STEPS and 3 * usual < 2 * step <= 2 * self._max_gap:
+            if len(steps) == STEPS and 3 * usual < 2 * step:
                 self._note_hole(step)
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
@@ -334,7 +336,9 @@ class Timeline(Generic[S]):
         if _are_even(self.steps, usual):
             self._usual_steps.append(usual)
             is_burst = 2 * usual < max(self._usual_steps)
-            if not (self._clock_is_set or is_burst):
+            if step > self._max_gap:
+                self.skipped += round(step / usual) - 1
+            elif not (self._clock_is_set or is_burst):
                 self._hole = step, usual
         self._clock_is_set = False
 

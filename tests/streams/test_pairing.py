@@ -426,7 +426,17 @@ def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed):
         if number not in lost:
             list(paired.push_load(LoadSample(stamp, 1.0, 0.0, "")))
     assert paired.load_time.missing == pytest.approx(len(lost), abs=3)
+    assert paired.load_time.skipped == 0
     assert paired.angle_time.missing == 0
+
+
+def test_what_is_lost_in_large_holes_is_counted_beside_the_jump():
+    paired = Synchroniser(PairingSection(max_gap=0.1))
+    for number in [*range(100), *range(160, 260), *range(460, 560)]:
+        list(paired.push_angle(AngleSample(number * 5 * MS, 0.1)))
+        list(paired.push_load(LoadSample(number * 5 * MS, 1.0, 0.0, "")))
+    assert (paired.angle_time.skipped, paired.load_time.skipped) == (60 + 200, 60 + 200)
+    assert paired.angle_time.missing == paired.load_time.missing == 0
 
 
 @pytest.mark.parametrize("rate", [200, 1000])
