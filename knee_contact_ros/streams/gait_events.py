@@ -4,10 +4,12 @@ Angle and load are resampled at 200 Hz and smoothed (Gaussian, 20 ms), at any ra
 
 - **Heel strike**: 30 ms after the extension peak at the end of swing. This is a minimum of the angle after a fall by
   5° or more within 0.1 s and before a flexion by 3° or more. The load must rise there: before, it was below 0.45
-  times its maximum within the next 0.4 s. If the knee stays extended for longer than 0.1 s, or its angle has no such
-  peak, the load decides: 20 ms before it passes 0.45 times its maximum of the 0.6 s after the fall.
+  times its maximum within the next 0.4 s. If the knee stays extended for longer than 0.1 s, or extends more slowly, the
+  load decides: 20 ms before it passes 0.45 times its maximum of the 0.6 s after a fall by 5°.
 - **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more. The load must fall there: just after,
-  it is below 0.45 times its maximum within the 0.4 s before.
+  it is below 0.45 times its maximum within the 0.4 s before. The load decides if the knee flexes by 5° or more only, or
+  most quickly more than 0.2 s later: 60 ms after it passes 0.45 times its maximum of the 0.6 s before.
+- Of a knee that flexes or extends so little, only loads of 1 BW or more decide: people sway with smaller ones.
 - **Load peak**: the largest load within 0.25 s on either side, where the load varies by 0.15 BW or more; of 1 BW or
   more, or of 0.5 BW and half of the largest load within 0.4 s; not at the ends of the run. Its stamp is that of the
   largest sample within 50 ms of the smoothed load's peak.
@@ -19,8 +21,8 @@ trial published with Rajagopal et al. (2016), doi:10.1109/TBME.2016.2586891 (sub
 to 29 ms at three heel strikes, 20 to 35 ms at three toe-offs). `docs/how-to/report.md` has the errors that remain.
 
 Limits: these times hold for level walking at a usual speed; at other speeds and in running expect errors of tens of ms.
-No heel strike is found if the knee does not flex after landing: a stiff knee, or going upstairs, where the knee lands
-bent and then extends. Within about 60 ms of the start and end of a recording an event is less certain, or missed.
+No heel strike is found if the knee swings by less than 5°, or goes upstairs, where it lands bent and then extends.
+Within about 60 ms of the start and end of a recording an event is less certain, or missed.
 """
 
 import math
@@ -62,6 +64,10 @@ LANDED = points(0.02)
 """Number of points from heel strike until the load passes `UNLOADED`: 10, 20 and 25 ms in the shipped gaits"""
 SWING = math.radians(20.0)
 """Smallest flexion around toe-off [rad]"""
+LEAVING = points(0.06)
+"""Number of points from where the load passes `UNLOADED` until toe-off: -30 to 115 ms in measured gaits"""
+LEFT = points(0.2)
+"""Number of points from there from which a largest flexion rate is not that of toe-off: at most 90 ms in those gaits"""
 RATE_OVER = points(0.02)
 """Number of points on either side for computing the flexion rate"""
 LONGEST_TURN = points(1.0)
@@ -268,6 +274,8 @@ class Window:
             return self._loaded_extension(before, at), 0.0
         fall = -self._angle[at] - before[:FALL_TIME].min(initial=-self._angle[at])
         stance = self._load[at : at + LOADING_TIME + 1]
+        if fall < FALL and stance.max() >= PEAK_LOAD:
+            return self._loaded_extension(before, at), 0.0
         if fall < FALL or not self._swings(at, BEFORE_LANDING, stance):
             return None, 0.0
         return at, vertex(self._angle[at - 1 : at + 2])
@@ -288,16 +296,35 @@ class Window:
 
     def _flexion_rate(self, before: Floats, at: int) -> tuple[int | None, float]:
         """Place of the largest flexion rate before the largest angle, if the foot leaves the ground there."""
-        if self._angle[at] - before.min(initial=self._angle[at]) < SWING:
+        bend = self._angle[at] - before.min(initial=self._angle[at])
+        if bend < FALL:
             return None, 0.0
         begin = at - 1 - int(before.argmin())
         quickest = begin + int(self._rates[begin : at + 1].argmax())
+        unloaded = self._unloaded_flexion(begin, at)
+        if bend < SWING or (unloaded is not None and unloaded < quickest - LEFT):
+            return unloaded, 0.0
         stance = self._load[max(quickest - LOADING_TIME, 0) : quickest + 1]
         if quickest <= RATE_OVER or not self._swings(
             quickest, AFTER_LEAVING, stance
         ):  # or it was quicker before
             return None, 0.0
         return quickest, vertex(self._rates[quickest - 1 : quickest + 2])
+
+    def _unloaded_flexion(self, begin: int, at: int) -> int | None:
+        """Where the largest flexion rate before a toe-off would be by the load, in or before a flexion to a point."""
+        first = max(at - LANDING_TIME, 0)
+        load = self._load[first : at + 1]
+        loaded = np.flatnonzero(load > UNLOADED * load.max())
+        if not len(loaded) or loaded[-1] == at - first:
+            return None
+        left = first + int(loaded[-1]) + 1
+        if self._angle[left : begin + 1].max(initial=0.0) - self._angle[begin] >= TURN:
+            return None  # this flexion comes after that of swing
+        peak = left + LEAVING - points(AFTER[TOE_OFF] / SECOND)
+        stance = self._load[max(peak - LOADING_TIME, 0) : peak + 1]
+        is_sure = peak < at and stance.max() >= PEAK_LOAD
+        return peak if is_sure and self._swings(peak, AFTER_LEAVING, stance) else None
 
     def _swings(self, at: int, times: tuple[int, int], stance: Floats) -> bool:
         """Whether the leg is unloaded between two points after a given one, compared with the loads of its stance."""
