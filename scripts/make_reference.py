@@ -111,7 +111,7 @@ def shown(value: Any) -> str:
 
 def allowed(declaration: Declaration) -> str:
     """What a parameter may be."""
-    _, _, least, most, words = declaration
+    least, most, words = declaration.least, declaration.most, declaration.words
     if not isfinite(least) or words.startswith("0 (") or "," in words:
         return words.removeprefix(declaration.description)
     end = f"{'below ' if words.startswith('<') else ''}{most:g}"

@@ -436,7 +436,9 @@ def outcome_of(mutant: Mutant, folder: Path) -> Outcome:
     finally:
         module.write_text(source, encoding="utf-8")
     if found := code == FAILED:
-        failed = said.split(maxsplit=1)[1].partition(" - ")[0].removeprefix("tests/")
+        # All its cases: what a case is called may come from what is computed.
+        failed = said.split(maxsplit=1)[1].partition("[")[0].partition(" - ")[0]
+        failed = failed.removeprefix("tests/")
         code, again = run_tests([failed], folder)
         if not (found := code == 0):
             said = f"without the fault, too, {again}"

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from functools import lru_cache
-from xml.sax.saxutils import escape
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,6 @@ POSE_PERIOD = NANOSECONDS // 50
 """Time [ns]; the thigh is placed at the first tick of each such period"""
 DESCRIPTION_PERIOD = 10 * NANOSECONDS
 """Time [ns]; the leg is described at the first tick of each such period, so that snapshots and split files have it"""
-XML_QUOTE = {'"': "&quot;"}
 THIGH_POSE = answer_struct("flexion_angle", "femoral_height", "femoral_x")
 """Reader of the fields of an answer's row that give the pose of the thigh"""
 
@@ -87,7 +86,7 @@ def _urdf() -> str:
 @lru_cache(maxsize=4)
 def description(frame_id: str) -> bytes:
     """Return a std_msgs/String with the URDF of a leg whose shank is `frame_id`, or `shank` if that is empty."""
-    link = escape(frame_id or SHANK, XML_QUOTE)
+    link = escape(frame_id or SHANK)
     text = _urdf().replace(f'"{SHANK}', f'"{link}').encode() + b"\0"
     return HEADER + len(text).to_bytes(4, "little") + text
 

@@ -67,7 +67,7 @@ def known_parameters(schema: type[NodeSection] = Parameters) -> Mapping[str, Dec
             if isinstance(field.default, Section):
                 yield from declared(type(field.default), f"{before}{name}.")
             else:
-                yield before + name, declaration_of(field)
+                yield before + name, declaration_of(section, name)
 
     return MappingProxyType(dict(declared(schema, "")))
 

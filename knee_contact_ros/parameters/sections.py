@@ -3,10 +3,16 @@
 A parameter is an attribute of a section: its type, default and limits, and below it its unit and meaning.
 """
 
+import ast
+import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cache
+from itertools import pairwise
+from textwrap import dedent
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import (
@@ -17,7 +23,6 @@ from pydantic import (
     Field,
     ValidationError,
 )
-from pydantic.fields import FieldInfo
 
 from .sources import (
     JOINT_STATE_TYPE,
@@ -73,8 +78,10 @@ def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") 
 class Declaration(NamedTuple):
     """Declaration of a parameter."""
 
+    section: type[BaseModel]
+    name: str
+    """Name of the field in the section"""
     default: Any
-    description: str
     least: float
     """Smallest number, itself allowed unless `words` say otherwise; -inf if there is none, or for a text"""
     most: float
@@ -83,13 +90,33 @@ class Declaration(NamedTuple):
     """Limits beyond these numbers: a list, an open end, a gap; empty if there are none"""
 
     @property
+    def description(self) -> str:
+        """Unit and meaning: the text below the field, or the one it was made with."""
+        made_with = self.section.model_fields[self.name].description
+        return " ".join((made_with or _texts_below(self.section).get(self.name, "")).split())
+
+    @property
     def unit(self) -> str:
         """Unit with which the description begins, as `[m]`; empty if there is none."""
         return self.description[1:].partition("]")[0] if self.description.startswith("[") else ""
 
 
-def declaration_of(field: FieldInfo) -> Declaration:
+@cache
+def _texts_below(section: type[BaseModel]) -> dict[str, str]:
+    """Return the text below each field. Pydantic would read those of all sections at each import, for 0.06 s."""
+    texts = {}
+    for part in reversed(section.__mro__):
+        with suppress(OSError, TypeError):  # it has no source: a section that was made, or a base
+            (tree,) = ast.parse(dedent(inspect.getsource(part))).body
+            for field, below in pairwise(getattr(tree, "body", ())):
+                if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+                    texts[ast.unparse(field.target)] = str(ast.literal_eval(below.value))
+    return texts
+
+
+def declaration_of(section: type[BaseModel], name: str) -> Declaration:
     """Return the declaration of a parameter: its limits are the rules in its annotation."""
+    field = section.model_fields[name]
     least = -math.inf
     most = math.inf
     words = []
@@ -105,8 +132,7 @@ def declaration_of(field: FieldInfo) -> Declaration:
         if hasattr(limit, "lt"):
             most = limit.lt
             words.append(f"< {most:g}")
-    description = " ".join((field.description or "").split())
-    return Declaration(field.default, description, least, most, "; ".join(words))
+    return Declaration(section, name, field.default, least, most, "; ".join(words))
 
 
 class Section(BaseModel):
@@ -117,7 +143,6 @@ class Section(BaseModel):
         extra="forbid",
         frozen=True,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,
     )
 
 

@@ -132,7 +132,7 @@ def test_estimate_load_prints_level_parts_and_deviation(walking, tmp_path, capsy
     assert rows["level"] == "ankle_moment"
     assert rows["constants"].startswith("not calibrated to this person")
     assert rows["parameters"] == "load/inverse_dynamics, person.mass:=80"
-    assert rows["estimates"] == "240 over 1.20 s"
+    assert rows["estimates"] == "240 in 1.20 s"
     assert (rows["samples refused"], rows["estimates flagged"]) == ("0", "0")
     assert f"Bag: {output}" in printed.out
 

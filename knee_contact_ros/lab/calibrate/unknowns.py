@@ -76,7 +76,7 @@ def unknowns_of(
 
 
 def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unknown:
-    _, _, least, most, words = declared
+    least, most = declared.least, declared.most
     try:
         low, high = (least, most) if ends is None else map(float, ends)
     except (TypeError, ValueError):
@@ -93,7 +93,7 @@ def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unkno
             "or range"
         )
     # Ends of the parameter's own range may be excluded; then the next number inside is the end.
-    excluded = words.split("; ")
+    excluded = declared.words.split("; ")
     logarithmic = low > 0.0 or (low == 0.0 and f"> {least:g}" in excluded)
     if low == least and f"> {least:g}" in excluded:
         low = float(np.nextafter(low, high))
