@@ -139,7 +139,9 @@ def test_an_edit_of_the_model_builds_it_again_once(tmp_path):
 def test_without_library_and_numba_the_plain_model_computes_and_says_so_once(
     tmp_path,
 ):
-    copy_of_the_package(tmp_path, WITHOUT_LIBRARY)
+    copy = copy_of_the_package(tmp_path, WITHOUT_LIBRARY)
+    with (copy / "model" / "__init__.py").open("a") as sources:
+        sources.write("# The library of an installed package belongs to others.\n")
     (tmp_path / "numba.py").write_text("raise ImportError('not here')")
     hidden = "import importlib.util as u; find = u.find_spec\n"
     hidden += "u.find_spec = lambda name, *rest: None if name == 'numba' else find(name, *rest)\n"
