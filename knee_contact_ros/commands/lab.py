@@ -150,7 +150,7 @@ sensor_map_option = path_option(
 @events_option
 @anyway_option
 def import_opensim(**options: Any) -> None:
-    """Make a gait bag from results of OpenSim, or run OpenSim first.
+    """Make a gait bag from OpenSim's results, or run it first.
 
     The command finds columns by their names, and units and signs from the header and the values. If something is not
     clear, it says which option decides. The reaction must act on the tibia and be expressed in its frame. A left knee

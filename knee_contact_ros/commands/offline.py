@@ -336,7 +336,7 @@ def cite(bag: Path) -> None:
 
 @click.command()
 def about() -> None:
-    """Tell the system, the versions and what is compiled, for a report of a fault."""
+    """Tell the system, all versions and what is compiled."""
     from .about import print_about
 
     print_about()
