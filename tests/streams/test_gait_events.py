@@ -111,6 +111,15 @@ def test_load_peaks_are_samples_and_events_say_what_they_are():
     assert {"toe-off at 49° of flexion", "heel strike at 2° of flexion"} <= texts
 
 
+@pytest.mark.parametrize("top", [1.5, 0.95, 0.8])
+def test_both_humps_of_a_lightly_loaded_compartment_are_peaks(top):
+    stamps, angle, load = walking(200.0, 8.0)
+    finder = GaitEvents(BODY_WEIGHT)
+    events = finder.add_samples(stamps, angle, top * BODY_WEIGHT / load.max() * load)
+    peaks = times(events + finder.finish_events(), LOAD_PEAK)
+    assert len(peaks) == 13  # of 6.5 strides
+
+
 @pytest.mark.parametrize("rate", [37.0, 100.0, 200.0, 1000.0])
 def test_every_step_is_found_at_any_rate(rate):
     events = found(walking(rate, 60.0))
