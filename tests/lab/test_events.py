@@ -14,6 +14,8 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from tests.lab.test_laboratory_files import C3D_MAP, write_c3d
+from tests.lab.test_plates import MAP as PLATES
+from tests.lab.test_plates import write
 from tests.lab.test_sensors import importing, in_a_line
 from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 
@@ -168,6 +170,17 @@ def test_a_single_stride_is_a_cycle_where_the_load_ends_with_it(importing):
     assert len(cycles) == 101
     assert main(["report", "bag", "--output=page"]) == 0
     assert len(pd.read_csv("page/cycles.csv")) == 101
+
+
+def test_one_plate_of_a_c3d_file_is_enough_for_a_cycle(importing):
+    """The events go from the file to the bag, to the estimated load, and to the answers."""
+    write()
+    assert importing(None, PLATES, "--events=1.0,1.6,2.2", files=["walk.c3d"]) == 0
+    assert main(["estimate-load", "bag", "--params=load/insole", "--output=load.mcap"]) == 0
+    (stride,) = solve("load.mcap").strides().itertuples()
+    assert stride.heel_strike == pytest.approx(1.0)
+    assert stride.stance == pytest.approx(50.0)
+    assert stride.usable
 
 
 @pytest.mark.parametrize("shift", [0.5 * STRIDE, 0.25])

@@ -56,10 +56,11 @@ def raw_channels(number, kind, way):
     return np.vstack([force, moment])
 
 
-def write(kind=2, way=1, leave_out=(), unseen=(), sign=1.0, bias=0.0):
+def write(kind=2, way=1, leave_out=(), unseen=(), sign=1.0, bias=0.0, rests=9.0, event=()):
     """A walk with a foot on each of two plates, as a C3D file in mm.
 
     Markers may be `unseen`, the height of a plate's sensor have its other sign, and amplifiers a `bias` [N].
+    From `rests` [s] on both feet stand beside the plates; `event` is the group EVENT.
     """
     ezc3d = pytest.importorskip("ezc3d")
     made = ezc3d.c3d()
@@ -67,7 +68,8 @@ def write(kind=2, way=1, leave_out=(), unseen=(), sign=1.0, bias=0.0):
     turned = np.array([way, way, 1.0])[:, None]
     for letter, (begin, end, number) in STANCES.items():
         start = MIDDLES[number] * np.array([1.0, 1.0, 0.0]) - np.array([0.0, 60.0, 0.0])
-        step = 2500.0 * (np.minimum(TIME - begin, 0.0) + np.maximum(TIME - end, 0.0))
+        after = np.clip(TIME, end, max(rests, end)) - end
+        step = 2500.0 * (np.minimum(TIME - begin, 0.0) + after)
         for name, ahead, height in (
             ("ANK", 0.0, 90.0),
             ("HEE", -50.0, 40.0),
@@ -104,6 +106,8 @@ def write(kind=2, way=1, leave_out=(), unseen=(), sign=1.0, bias=0.0):
     }
     for name, value in plates.items():
         made["parameters"]["FORCE_PLATFORM"][name]["value"] = value
+    for name, value in dict(event).items():
+        made.add_parameter("EVENT", name, value)
     made["data"]["points"] = np.ones((4, len(names), len(TIME)))
     made["data"]["points"][:3] = np.stack([points[name] for name in names], axis=1)
     for name in unseen:
@@ -169,6 +173,16 @@ def test_what_real_files_have_does_not_move_the_force(importing, change):
     )
     np.testing.assert_allclose(torque[inside], moment[inside][:, [1, 2, 0]], atol=0.5)
     np.testing.assert_allclose(force[(stamps < 0.98) | (stamps > 1.62)], 0.0, atol=1e-9)
+
+
+def test_a_foot_is_in_the_air_until_the_heel_strike_of_the_file(importing):
+    """Its slowest marker stands a little earlier; beside the plates a standing foot has an unknown force."""
+    landing = {"LABELS": ["Foot Strike"], "CONTEXTS": ["Right"], "TIMES": [[0.0], [2.3]]}
+    for event, last in (((), 2.2), (landing, 2.3)):
+        write(rests=2.2, event=event)
+        assert importing(None, MAP, "--overwrite", files=["walk.c3d"]) == 0
+        # A frame, and one of the difference that gives the speed
+        assert wrenches()[0][-1] == pytest.approx(last, abs=0.021)
 
 
 def test_a_left_foot_is_mirrored_and_a_plate_may_be_named(importing, capsys):
