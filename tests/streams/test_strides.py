@@ -7,6 +7,7 @@ import pytest
 
 from knee_contact_ros.model.ringing import Ringing
 from knee_contact_ros.model.types import ContactState, Status
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF, GaitEvent
 from knee_contact_ros.streams.strides import (
     Stride,
     Strides,
@@ -120,6 +121,31 @@ def test_a_run_that_ends_at_a_heel_strike_has_usable_strides():
     (*_, last) = strides_of(series, BODY_WEIGHT)
     assert last.usable
     assert last.span.end <= series["stamp"][-1]
+
+
+@pytest.mark.parametrize("size", [1, 37, 10_000])
+def test_known_events_make_the_strides_up_to_50_ms_beyond_the_run(size):
+    """The first lies 49 ms before the run. At the ends values are held; a second run has the events of its times."""
+    time = np.arange(0.0, 2.0, 0.005)
+    series = model(law("kelvin_voigt"), level="quasi_static").run(
+        time, np.full(len(time), 0.2), np.full(len(time), 700.0)
+    )
+    events = [(0.4, TOE_OFF), (0.001, HEEL_STRIKE), (1.0, HEEL_STRIKE), (1.6, TOE_OFF)]
+    events += [(time[-1] + 0.049, HEEL_STRIKE), (time[-1] + 0.06, HEEL_STRIKE)]
+    shift = round(0.05 * SECOND)
+    series["stamp"] += shift
+    known = [GaitEvent(round(at * SECOND), kind, kind) for at, kind in events]
+    known[4:] = [each._replace(stamp=each.stamp + shift) for each in known[4:]]
+    stream, found = Strides(BODY_WEIGHT, known), list[Stride]()
+    for _ in range(2):
+        for begin in range(0, len(series), size):
+            found += stream.add_answers(series[begin : begin + size])
+        found += stream.finish_strides()
+    spans_found = [(each.span.start / SECOND, each.span.end / SECOND) for each in found]
+    assert spans_found == 2 * [(0.001, 1.0), (1.0, pytest.approx(time[-1] + 0.099))]
+    assert [each.impulse for each in found[:2]] == pytest.approx(
+        [700.0 * (end - start) for start, end in spans_found[:2]], rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("size", [1, 37, 10_000])
