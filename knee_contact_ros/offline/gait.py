@@ -54,7 +54,8 @@ class Gait(Results):
         """Return a `pandas.DataFrame` with a row for each whole stride; `attrs["units"]` has the units of its columns.
 
         The columns are heel strike, toe-off and duration [s], stance [%], and the numbers of `Stride`. Under a law that
-        is hardly damped `peak_force` and `loading_rate` contain `ringing` [N]. (NumPy's attribute of this name, of the
+        is hardly damped `peak_force` and `loading_rate` contain `ringing` [N]. Heel strikes and toe-offs that an
+        importer read are in `gait_events`; others are found from angle and load. (NumPy's attribute of this name, of the
         memory, is that of `np.asarray(gait)`.)
 
         Args:
