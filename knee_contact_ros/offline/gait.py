@@ -55,8 +55,8 @@ class Gait(Results):
 
         The columns are heel strike, toe-off and duration [s], stance [%], and the numbers of `Stride`. Under a law that
         is hardly damped `peak_force` and `loading_rate` contain `ringing` [N]. Heel strikes and toe-offs that an
-        importer read are in `gait_events`; others are found from angle and load. (NumPy's attribute of this name, of the
-        memory, is that of `np.asarray(gait)`.)
+        importer read are in `gait_events`; others are found from angle and load. (NumPy's attribute of the name
+        `strides`, of the memory, is that of `np.asarray(gait)`.)
 
         Args:
             body_weight: [N]; None: that of the parameters, which answers of `solve` know.
