@@ -20,9 +20,9 @@ def slowness():
     return max(1.0, (time.process_time() - begin) / USUAL)
 
 
-def patience():
-    """How long [s] to wait: the longer, the more processes want each processor."""
-    return SECONDS * slowness() * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+def patience(seconds=SECONDS):
+    """How long [s] to wait for what an idle machine does in `seconds`: longer where more want each processor."""
+    return seconds * slowness() * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
 
 
 def pause():

@@ -210,7 +210,7 @@ class Peer:
                 and self.node.count_publishers("/diagnostics")
             )
         )
-        self.spin(SETTLING)
+        self.spin(patience(SETTLING))
 
     def client(self, service_type: type, name: str) -> Any:
         """Get a client of a service that the node knows, too: it cannot answer one of whom it has yet to hear."""

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +12,32 @@ import pytest
 from knee_contact_ros.msg import KneeContact
 from rclpy.node import Node
 
+from tests.helpers.patience import patience
 from tests.helpers.terminals import Terminal
 
-PERIOD = 10_000_000
-"""[ns] between samples"""
 COMMAND = (str(Path(sys.executable).parent / "knee-contact"), "watch")
 
 
 def once(peer, *arguments, send=True):
-    """Code and words of a `watch --once`, while both inputs come at 100 Hz, also by their stamps."""
+    """Code and words of a `watch --once`, while both inputs come at 100 Hz."""
     process = subprocess.Popen(
         [*COMMAND, "--once", *arguments], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
-    stamp = peer.node.get_clock().now().nanoseconds
     while process.poll() is None:
         if send:
-            stamp += PERIOD
-            peer.send(stamp, 0.5, 800.0)
-        peer.spin(PERIOD * 1e-9)
+            peer.send(peer.node.get_clock().now().nanoseconds, 0.5, 800.0)
+        peer.spin(0.01)
     return process.returncode, *process.communicate()
+
+
+def once_usable(peer, *arguments):
+    """Words of a `watch --once` whose answer is usable, which a busy machine's, coming late, need not be."""
+    begin = time.monotonic()
+    while (found := once(peer, *arguments))[0] == 1:
+        assert time.monotonic() < begin + patience(), found
+    code, text, errors = found
+    assert (code, errors) == (0, "")
+    return text
 
 
 def report_of(peer, *arguments, send=True):
@@ -40,9 +48,7 @@ def report_of(peer, *arguments, send=True):
 def test_scripts_read_rates_and_numbers(peer, start_node):
     node = start_node()
     peer.wait_for_node()
-    code, text, errors = once(peer, "--json")
-    assert (code, errors) == (0, "")
-    report = json.loads(text)
+    report = json.loads(once_usable(peer, "--json"))
     assert (report["node"], report["usable"], report["because"]) == ("/knee_contact", True, None)
     answer = report["answers"]["/knee_contact"]
     assert (answer["flexion_angle"], answer["load"], answer["flags"]) == (0.5, 400.0, [])
@@ -53,15 +59,17 @@ def test_scripts_read_rates_and_numbers(peer, start_node):
     entry = report["diagnostics"]["answers"]
     assert entry["message"] in peer.told  # the first answers of a busy machine may be unusable
     assert (entry["level"] == "ok") == (entry["message"] == "ok")
-    code, text, _ = once(peer)
-    assert code == 0
+    text = once_usable(peer)
     assert re.search(r"^usable +yes$", text, re.MULTILINE)
     assert re.search(r"^  angle +28.65 deg$", text, re.MULTILINE)
-    assert re.search(r"^joint_states +\d+\.\d Hz  ok$", text, re.MULTILINE)
+    state = re.search(r"^joint_states +\d+\.\d Hz  (.+)$", text, re.MULTILINE)
+    assert state
+    assert state[1] == "ok" or any(words in state[1] for words in peer.told - {"ok"})
     log = node.stop()
     line = re.search(r"(\d+) Hz on /joint_states, (\d+) Hz on /joint_reaction_force, (.*)", log)
     assert line
-    assert re.fullmatch(r"\d+ answers a second, knee_contact: 4\d\d N, all usable", line[3])
+    words = r"\d+ answers a second, knee_contact: 4\d\d N, (all usable|\d+ of \d+ not usable)"
+    assert re.fullmatch(words, line[3])
     assert 20 < int(line[1]) <= 110
     assert log.count("answers a second") == 1
 
