@@ -311,7 +311,7 @@ MUTANTS = (
         "lab/checks.py",
         "_LARGEST_RADIANS = 3.5",
         "_LARGEST_RADIANS = 6.9",
-        "lab/opensim lab/test_sensors.py",
+        "lab/opensim/test_results.py lab/test_sensors.py",
     ),
     Mutant(
         "intervals of a fit are a third too narrow",
