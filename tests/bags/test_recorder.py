@@ -94,6 +94,7 @@ def test_a_file_whose_size_another_process_changes_gets_no_final_name(tmp_path, 
     bag.discard()
 
 
+@needs_viewer
 def test_a_full_disk_stops_the_recording_with_one_message(started, tmp_path):
     path = tmp_path / "out.mcap"
     recording, picture = (

@@ -1,6 +1,7 @@
 """`recover`: all that can be read, in a file that every reader takes."""
 
 import errno
+import io
 import os
 import subprocess
 import sys
@@ -170,7 +171,11 @@ def test_a_file_without_messages_is_refused(tmp_path, data, words):
     assert not (tmp_path / "o").exists()
 
 
-@pytest.mark.parametrize("fault", ["open:1", "write:1", "write:2", "fsync:1"])
+# From Python 3.14 on a buffer takes the whole bag, and there is no second write.
+LATER = ["write:2"] if io.DEFAULT_BUFFER_SIZE < 2**16 else []
+
+
+@pytest.mark.parametrize("fault", ["open:1", "write:1", *LATER, "fsync:1"])
 def test_a_full_disk_leaves_nothing_behind(cut, watching, tmp_path, fault):
     """The output that is to be replaced and what lies beside stay as they were."""
     folder = tmp_path / "full"

@@ -185,6 +185,24 @@ def test_a_foot_is_in_the_air_until_the_heel_strike_of_the_file(importing):
         assert wrenches()[0][-1] == pytest.approx(last, abs=0.021)
 
 
+def test_plates_without_data_are_refused_in_a_line(importing, capsys):
+    ezc3d = pytest.importorskip("ezc3d")
+    write()
+    made = ezc3d.c3d("walk.c3d")
+    made["data"]["analogs"] = np.zeros((1, 0, 0))
+    for name, value in (
+        ("RATE", [0.0]),
+        ("LABELS", []),
+        ("UNITS", []),
+        ("SCALE", []),
+        ("OFFSET", []),
+    ):
+        made["parameters"]["ANALOG"][name]["value"] = value
+    made.write("walk.c3d")
+    assert importing(None, MAP, files=["walk.c3d"]) == 2
+    assert capsys.readouterr().err == "knee-contact: walk.c3d: its force plates have no data\n"
+
+
 def test_a_left_foot_is_mirrored_and_a_plate_may_be_named(importing, capsys):
     write()
     assert importing(None, MAP + "side: left\n", files=["walk.c3d"]) == 0

@@ -1,6 +1,8 @@
 """How to get what is not installed."""
 
 import sys
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 import pytest
 
@@ -17,6 +19,9 @@ def test_the_command_is_one_that_works_here(tmp_path, monkeypatch):
     told = not_installed("jinja2", "report")
     assert told == f"jinja2 is not installed; in {ROOT}: .venv/bin/uv pip install -e '.[report]'"
     monkeypatch.setattr(files, "share_folder", lambda: tmp_path)
+    messages = ModuleType("knee_contact_ros.msg")
+    messages.__spec__ = ModuleSpec(messages.__name__, None)
+    monkeypatch.setitem(sys.modules, messages.__name__, messages)
     command = f"{sys.executable} -m pip install --config-settings messages=yes '.[report]'"
     assert command in not_installed("jinja2", "report")
     monkeypatch.setitem(sys.modules, "knee_contact_ros.msg", None)
