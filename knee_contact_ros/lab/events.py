@@ -55,7 +55,7 @@ def with_events(
     if given and not inside:
         begin, end = stamps[[0, -1]] / NANOSECONDS
         raise UsageError(f"--events {given}: none is within the data, {begin:g} to {end:g} s")
-    if inside:
+    if events:
         counts = [sum(event.kind == kind for event in inside) for kind in (HEEL_STRIKE, TOE_OFF)]
         outside = len(events) - len(inside)
         notes.append(

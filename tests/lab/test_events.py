@@ -70,6 +70,7 @@ def test_events_of_a_c3d_file_are_those_of_the_leg(importing, capsys, as_pairs):
     [
         ({"SUBJECTS": ["Ann", "Ben", "Ann", "Ann", "Ann", "Ann"]}, "events of Ann, Ben"),
         ({"LABELS": EVENT["LABELS"][:-1]}, "5 events with 6 times are not used"),
+        ({"TIMES": [[1.0] * 6, EVENT["TIMES"][1]]}, "toe-offs 0 (4 more outside the data)"),
     ],
 )
 def test_events_that_are_not_clear_are_left_out_and_told(importing, capsys, change, words):
