@@ -18,6 +18,8 @@ from .gait_bag import Gait
 from .headers import TableFormat, each_line, header_of
 from .units import TYPICAL_BODY_WEIGHT
 
+_LEFT_OUT = 900_000_000
+"""Distance [ns] from which an event is one that nobody marked, a stride away; the other leg's is half a stride away"""
 _COLUMNS = (("time",), ("name", "event", "label", "kind"), ("context", "side", "leg"))
 """Beginnings of the names of a table's columns: time [s], event, leg"""
 _NEAR = 150_000_000
@@ -49,7 +51,7 @@ def with_events(
         GaitEvent(round((time + offset) * NANOSECONDS), kind, kind) for time, kind in found
     )
     name = next(name for name in ("load", "ground_force", NET_LOAD) if name in gait.wrenches)
-    stamps, wrench = gait.wrenches[name]
+    stamps = gait.wrenches[name].stamps
     first, last = int(stamps[0]) - NEARBY, int(stamps[-1]) + NEARBY
     inside = [event for event in events if first <= event.stamp <= last]
     if given and not inside:
@@ -62,30 +64,31 @@ def with_events(
             f"gait events: heel strikes {counts[0]}, toe-offs {counts[1]}"
             + f" ({outside} more outside the data)" * bool(outside)
         )
-    angles = next(iter(gait.joints.values())).at(stamps).values[:, 0]
-    upwards = 1.0 if name == "ground_force" else -1.0
-    finder = GaitEvents(gait.weight or TYPICAL_BODY_WEIGHT)
-    shown = finder.add_samples(stamps, angles, upwards * wrench[:, 1]) + finder.finish_events()
-    doubts = _contradictions(inside, shown)
+    doubts = _contradictions(inside, _shown(gait, name)) if inside else []
     checks.refuse(doubts, anyway)
     return gait._replace(
         events=inside, notes=[*gait.notes, *notes], doubts=[*gait.doubts, *doubts]
     )
 
 
+def _shown(gait: Gait, name: str) -> list[GaitEvent]:
+    """Return the events that the angle and a wrench of a gait show."""
+    stamps, wrench = gait.wrenches[name]
+    angles = next(iter(gait.joints.values())).at(stamps).values[:, 0]
+    upwards = 1.0 if name == "ground_force" else -1.0
+    finder = GaitEvents(gait.weight or TYPICAL_BODY_WEIGHT)
+    return finder.add_samples(stamps, angles, upwards * wrench[:, 1]) + finder.finish_events()
+
+
 def _contradictions(events: Sequence[GaitEvent], shown: Iterable[GaitEvent]) -> list[str]:
     """Doubt about events if angle and load have one of their kinds in between that is not among them."""
     for each in shown:
-        of_kind = np.array([event.stamp for event in events if event.kind == each.kind])
-        if (
-            len(of_kind)
-            and events[0].stamp - _NEAR <= each.stamp <= events[-1].stamp + _NEAR
-            and np.abs(of_kind - each.stamp).min() > _NEAR
-        ):
+        away = min((abs(e.stamp - each.stamp) for e in events if e.kind == each.kind), default=0)
+        covered = events[0].stamp - _NEAR <= each.stamp <= events[-1].stamp + _NEAR
+        if covered and _NEAR < away < _LEFT_OUT:
             return [
                 f"angle and load show a {each.kind} at {each.stamp / NANOSECONDS:.3f} s, but the nearest of the gait "
-                f"events is {np.abs(of_kind - each.stamp).min() / NANOSECONDS:.2f} s away: are they of this leg, and "
-                "of this clock (--events)?"
+                f"events is {away / NANOSECONDS:.2f} s away: are they of this leg, and of this clock (--events)?"
             ]
     return []
 

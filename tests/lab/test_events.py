@@ -184,6 +184,13 @@ def test_one_plate_of_a_c3d_file_is_enough_for_a_cycle(importing):
     assert stride.usable
 
 
+def test_an_event_that_nobody_marked_is_no_contradiction(importing):
+    times = [(LANDS, "HS"), (LEAVES, "TO"), (LANDS + STRIDE, "HS"), (LANDS + 2 * STRIDE, "HS")]
+    Path("events.csv").write_text(lines(*times))
+    assert importing(walk(), MAP, "--events=events.csv") == 0
+    assert len(solve("bag").strides()) == 1
+
+
 @pytest.mark.parametrize("shift", [0.5 * STRIDE, 0.25])
 def test_events_that_the_load_contradicts_are_doubted(importing, capsys, shift):
     times = ",".join(
