@@ -162,7 +162,7 @@ def advice(trade: Trade) -> str:
     """
     if not any(each.depth or each.force for each in trade.settings):
         return "Every setting gives the same depth and force, as with prescribed femoral heights: use any."
-    worth = f"{1e6 * trade.worth:.2g} um"
+    worth = f"{1e6 * trade.worth:.2g} µm"
     good = [
         each
         for each in trade.settings
@@ -173,9 +173,9 @@ def advice(trade: Trade) -> str:
     best = min(good, key=lambda each: (each.evaluations, -each.tolerance))
     return (
         f"Take fidelity.level {best.level} with fidelity.tolerance {best.tolerance:g}: the cheapest setting whose "
-        f"errors of the depth ({1e6 * best.depth:.2g} um at most) are below those of your data ({worth}). Live, a tick "
+        f"errors of the depth ({1e6 * best.depth:.2g} µm at most) are below those of your data ({worth}). Live, a tick "
         f"takes {best.microseconds:.2g} us of a processor like this one, and is flagged NOT_CONVERGED where its "
-        f"estimated error exceeds {1e6 * best.tolerance:.2g} um."
+        f"estimated error exceeds {1e6 * best.tolerance:.2g} µm."
     )
 
 
