@@ -197,7 +197,7 @@ def _lead(bases: Sequence[ReportRun]) -> str:
     files = _count(len({run.source for run in bases}), "recording")
     cycles = _count(sum(len(knee.spans) for knee in knees), "whole gait cycle")
     ticks = sum(knee.ticks for knee in knees)
-    return f"Tibiofemoral contact in {files}: {ticks} ticks, {cycles}."
+    return f"Tibiofemoral contact in {files}: {ticks} answers, {cycles}."
 
 
 def _count(number: int, noun: str) -> str:
