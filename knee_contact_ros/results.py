@@ -20,6 +20,7 @@ from .model.knee import KneeModel
 from .model.readouts import Readings
 from .model.types import (
     FIELDS,
+    FIRST_DATE,
     FLAT,
     MESSAGE_FIELDS,
     MM,
@@ -34,8 +35,6 @@ from .system.arguments import checked
 from .system.errors import UsageError
 from .system.files import not_installed
 
-FIRST_DATE = 10 * 365 * 86_400 * 1_000_000_000
-"""Smallest stamp [ns] that counts as a date, in 1979; stamps of simulations and trials begin near 0"""
 TIME = "time"
 """Name of the column with the time"""
 RUN = "run"

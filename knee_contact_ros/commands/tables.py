@@ -243,7 +243,9 @@ def show_recovery(recovery: Recovery, output: str) -> None:
     ]
     show_table(("topic, and its type", "messages", "missing"), rows, right=("messages", "missing"))
     first, last = recovery.times
-    say(f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
+    begin = begin_of(first)
+    since = f" since {begin / NANOSECONDS:.3f} s" if begin else ""
+    say(f"from {stamp_text(first, begin)} s to {stamp_text(last, begin)} s{since}")
     say(f"{recovery.unread_bytes} of {recovery.size} bytes could not be read")
     for fault in recovery.faults[:_MAX_FAULTS]:
         say(f"- {fault}")

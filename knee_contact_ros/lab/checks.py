@@ -250,7 +250,7 @@ def gait_doubts(
     no_gap = np.diff(angle.stamps) <= max_gap * NANOSECONDS
     steps = np.degrees(np.abs(np.diff(angle.values)) * no_gap)
     worst = int(np.argmax(steps))
-    step = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
+    step = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.13g} s"
     cure = "a loose contact, or an encoder's turn?"
     found += outside(where, step, float(steps[worst]), "deg", (0.0, 30.0), cure)
     turning = InputCheck(load_driven=False)
@@ -343,7 +343,7 @@ def _spike_doubts(load: TimeSeries, weight: float) -> list[str]:
     if not above.size:
         return []
     row = int(np.argmax(above))
-    what = f"the step up to {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.7g} s"
+    what = f"the step up to {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.13g} s"
     limits = (0.0, 1.5 * weight)
     return outside(load.where, what, float(above[row]), "N", limits, "a spike?")
 

@@ -161,7 +161,7 @@ def common_window(
 
 def _seconds(stamp: int) -> str:
     """Return the text of a stamp [ns] in seconds."""
-    return f"{stamp / NANOSECONDS:g}"
+    return f"{stamp / NANOSECONDS:.13g}"
 
 
 def sampled(
@@ -253,7 +253,7 @@ def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
     worst = int(np.argmax(steps))
     return [
         f"{name}: {wide} gap{'s' * (wide > 1)} longer than {longest:g} s, the longest of {steps[worst]:.3g} s "
-        f"at {known[worst] / NANOSECONDS:.7g} s; answers there are flagged STALE_INPUT"
+        f"at {known[worst] / NANOSECONDS:.13g} s; answers there are flagged STALE_INPUT"
     ]
 
 

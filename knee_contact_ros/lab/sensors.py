@@ -349,7 +349,7 @@ def _series(
         row = int(np.argmin(complete))
         lacking = table.names[places[int(np.argmin(finite[row]))]]
         raise UsageError(
-            f"{table.path}: column {lacking} has no number at {table.stamps[row] / NANOSECONDS:.7g} s, and in {lost} "
+            f"{table.path}: column {lacking} has no number at {table.stamps[row] / NANOSECONDS:.13g} s, and in {lost} "
             f"of {rows} rows something is missing; map: missing: leave_out leaves such rows out"
         )
     if rows - lost < 2:

@@ -109,7 +109,7 @@ class Table(NamedTuple):
 
     def time(self, row: int) -> str:
         """Return the time [s] of a row as text."""
-        return f"{self.stamps[row] / NANOSECONDS:g}"
+        return f"{self.stamps[row] / NANOSECONDS:.13g}"
 
 
 class TimeSeries(NamedTuple):

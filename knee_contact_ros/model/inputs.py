@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .types import MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Stamps
+from .types import FIRST_DATE, MAX_FLEXION, MIN_FLEXION, NANOSECOND, Floats, Stamps
 
 CLEAR_RATIO = 2.0
 """Ratio of two ranges or forces above which one clearly is the larger"""
@@ -265,8 +265,10 @@ class InputCheck:
         """Sentence about an angular velocity that no knee has; empty if there is none."""
         if self.fastest <= _FASTEST:
             return ""
+        begin = self._first if self._first >= FIRST_DATE else 0
+        at = f"{(self.fastest_at - begin) * NANOSECOND:.7g} s{' from the first sample on' if begin else ''}"
         return (
-            f"the knee turns at up to {self.fastest:.3g} rad/s (at {self.fastest_at * NANOSECOND:.7g} s), and no knee "
+            f"the knee turns at up to {self.fastest:.3g} rad/s (at {at}), and no knee "
             f"at more than {_FASTEST:g}: are these the times of the angle, or does its sensor jump?"
         )
 

@@ -121,6 +121,8 @@ class Status(IntFlag):
 
 NANOSECOND = 1e-9
 """Unit of stamps [s]"""
+FIRST_DATE = 10 * 365 * 86_400 * 1_000_000_000
+"""Smallest stamp [ns] that counts as a date, in 1979; stamps of simulations and trials begin near 0"""
 UNUSABLE = (
     Status.STALE_INPUT
     | Status.TIME_RESET

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from rerun.urdf import UrdfTree
 
 from ..model.readouts import READOUTS_OF_LAW, Readings
-from ..model.types import MM, ContactState, Rows, Status, blank_answers
-from ..results import FIRST_DATE
+from ..model.types import FIRST_DATE, MM, ContactState, Rows, Status, blank_answers
 from ..streams.gait_events import HEEL_STRIKE, LOAD_PEAK, NEARBY, TOE_OFF, GaitEvent, runs
 from ..streams.strides import CERTAIN, Stride, Strides
 from ..streams.topics import LEG_URDF, NANOSECONDS, SHANK

@@ -7,7 +7,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.model.inputs import AxisCheck, InputCheck
-from knee_contact_ros.model.types import Status
+from knee_contact_ros.model.types import FIRST_DATE, Status
 
 WEIGHT = 700.0
 Columns = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -202,3 +202,14 @@ def test_the_landing_of_a_flight_is_implausible_until_it_has_settled():
     )
     assert 0.0 < small.gap.max() < 0.01
     assert not (small.status & Status.IMPLAUSIBLE).any()
+
+
+@pytest.mark.parametrize(
+    ("begin", "words"), [(0, "at 1.49 s)"), (FIRST_DATE, "at 1.49 s from the")]
+)
+def test_a_jump_of_the_angle_is_told_with_its_time_since_the_start_of_dates(begin, words):
+    stamps, angle = begin + np.arange(300) * 10_000_000, np.zeros(300)
+    angle[149:] = 2.0
+    check = InputCheck()
+    check.add_samples(stamps, angle, np.full(300, 800.0))
+    assert words in check.about_turning

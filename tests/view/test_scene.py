@@ -9,9 +9,8 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 
 
 from knee_contact_ros import load_model
-from knee_contact_ros.model.types import ROW, Rows
+from knee_contact_ros.model.types import FIRST_DATE, ROW, Rows
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.results import FIRST_DATE
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view import layout, plots

@@ -188,7 +188,7 @@ def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
     within = Signal(data.stamps, data.values).around((int(stamps[0]), int(stamps[-1])))
     if len(within.stamps) < 2:
         spans = [
-            " to ".join(f"{each[row] / NANOSECONDS:g}" for row in (0, -1))
+            " to ".join(f"{each[row] / NANOSECONDS:.13g}" for row in (0, -1))
             for each in (data.stamps, stamps)
         ]
         raise UsageError(f"{data.path} spans {spans[0]} s, and the kinematics {spans[1]} s")

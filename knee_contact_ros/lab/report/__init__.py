@@ -15,6 +15,7 @@ import pandas as pd
 from ... import __version__
 from ...model.types import MM, ContactState, Status
 from ...parameters.schema import Parameters
+from ...results import begin_of, stamp_text
 from ...streams.strides import RISE_TIME
 from ...streams.topics import NANOSECONDS, is_lateral
 from ...system.errors import IncompleteError, UsageError, join_faults
@@ -254,7 +255,8 @@ def _peak_table(found: Sequence[ReportRun]) -> PageTable:
         in_cycle = any(span.start <= stamp < span.end for span in gathered.spans)
         if run.beside is None and kinds and not in_cycle:
             what = gathered.driving.replace("_", " ")
-            where = f"{run.label}, at {stamp / NANOSECONDS:.3f} s,"
+            begin = begin_of(int(gathered.columns["stamp"][0]))
+            where = f"{run.label}, at {stamp_text(stamp, begin)} s,"
             notes.append(f"The largest {what} of {where} is not within a whole gait cycle.")
     return _side_by_side(columns, found, " ".join(notes))
 
