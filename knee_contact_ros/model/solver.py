@@ -32,8 +32,7 @@ from .contact import (
     stage_in,
 )
 from .error_estimate import (
-    EXPLICIT_DEVIATION,
-    IMPLICIT_DEVIATION,
+    SAFETY_FACTOR,
     TINY,
     Error,
     beside_delay,
@@ -72,21 +71,15 @@ from .steps import (
 
 MAX_EXPLICIT_STEPS = 6.0
 """Number of explicit steps that cost less than an implicit step with its halves"""
-SAFETY_FACTOR = 0.9
+DURATION_SHARE = 0.9
 """Part of the duration that would just meet the tolerance, which the next step tries. Usual in the literature."""
 MAX_SHRINKING = 0.1
 """Smallest factor on the duration of a step that is repeated. Usual in the literature."""
 LEAST_ERROR_RATIO = 1e-4
 """Error ratio below which a step is not made longer still: a factor of 9 at most. Usual in the literature."""
-LOST_OSCILLATION_FACTOR = 1.75
-"""Largest speed of an oscillation that a step has damped away, over its estimate, which takes springs as linear.
-Tuned; `studies.honesty scenes` would notice: 0.2 % fewer of the ticks are flagged without it."""
 GRAZE_DOUBT = 0.03
 """Part of the rise to the largest depth in a step by which a parabola may be wrong. Tuned; `studies.honesty long_runs`
 (number 19) would notice."""
-FLIGHT_SAFETY_FACTOR = 1.25
-"""Safety factor on the published error of a flight, which comes from one velocity and not from many steps. Tuned;
-`studies.honesty scenes` would notice: 0.3 % fewer of the ticks are flagged without it."""
 MAX_EVENTS = 1000
 """Number of crossed boundaries after which a tick is given up"""
 
@@ -233,6 +226,8 @@ def pressed_step(
     surfaces, stage, remaining = mode.knee.surfaces, begin.stage, until - begin.time
     _, radius = eigenvalues(stage.stiffness, stage.damping, mode.knee.mass)
     h, used, boundary, factor = min(try_step, remaining), 0, NO_BOUNDARY, 1.0
+    if abs(mode.tick.angle_rate) * h > surfaces.knot_spacing:
+        h = surfaces.knot_spacing / abs(mode.tick.angle_rate)  # a step sees one knot of a spline
     stiff = radius * h > MAX_EXPLICIT_STEP
     if stiff and radius * remaining <= MAX_EXPLICIT_STEPS * MAX_EXPLICIT_STEP:
         # Equal steps, as a short last one would cost as much as the others.
@@ -245,7 +240,7 @@ def pressed_step(
         used += step.evaluations
         ratio = factor * error_ratio(mode, begin, step, h)
         # The local error goes with h⁵, and its share of the tolerance with h, so their ratio with h⁴.
-        change = SAFETY_FACTOR / math.sqrt(math.sqrt(max(ratio, LEAST_ERROR_RATIO)))
+        change = DURATION_SHARE / math.sqrt(math.sqrt(max(ratio, LEAST_ERROR_RATIO)))
         if ratio <= 1.0:
             break
         h *= max(MAX_SHRINKING, change)
@@ -312,7 +307,7 @@ def error_after_step(
         error,
         factor * step.height_error,
         factor * step.velocity_error,
-        IMPLICIT_DEVIATION if step.implicit else EXPLICIT_DEVIATION,
+        SAFETY_FACTOR * SAFETY_FACTOR if step.implicit else SAFETY_FACTOR,
         relaxation,
         beside,
     )
@@ -324,7 +319,7 @@ def error_after_step(
         crept, swung = unresolved_motion(mode, begin, step, h)
         if crept + swung > 0.0:
             # An oscillation at an unknown phase is a height as well as a velocity.
-            swung *= LOST_OSCILLATION_FACTOR * math.sqrt(0.5)
+            swung *= SAFETY_FACTOR * math.sqrt(0.5)
             error = with_bound(error, crept + swung / relaxation, swung)
     return error
 
@@ -424,7 +419,7 @@ def result_at(
         way = (touch.latest - tick.duration) * touch.landing_rate + max(stage.depth, 0.0)
         error = limited(with_bound(error, way, abs(touch.landing_rate - stage.rate)))
     force, force_estimate = 0.0, 0.0
-    estimate = FLIGHT_SAFETY_FACTOR * height_bound(error, math.inf)
+    estimate = height_bound(error, math.inf)
     if mode.pressing:
         doubt, k, c = 0.0, stage.stiffness, stage.damping
         if knee.remembers_impact and touch.error > 0.0:

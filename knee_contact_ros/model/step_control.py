@@ -20,8 +20,6 @@ from .steps import Step
 
 LOCAL_ERROR_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them. Tuned."""
-MAX_MEMORY = 30.0
-"""Time [s] for which an error counts where nothing damps it. Tuned; it lets a ringing knee be known for a minute."""
 MAX_MEMORY_PHASE = 2e4
 """Phase [rad] of an oscillation for which an error counts. Tuned; `studies.honesty scenes` would notice: evaluations
 rise by a third without it, and those of `changes` by 140 %."""
@@ -61,7 +59,7 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
     velocity_error = max(abs(step.velocity_error) - STEP_ROUNDING * speed, 0.0)
     (decay, _), relaxation = eigenvalues(k, c, mass), relaxation_rate(k, c, mass)
     # All steps within the contact's memory share the tolerance. A leap happens once, so its error does not add up.
-    part_of_memory = min(1.0, h * max(decay, relaxation / MAX_MEMORY_PHASE, 1.0 / MAX_MEMORY))
+    part_of_memory = min(1.0, h * max(decay, relaxation / MAX_MEMORY_PHASE))
     if step.leap > 0.0:
         part_of_memory = 1.0
     # In the contact's energy norm, as height and velocity errors turn into each other.

@@ -7,9 +7,11 @@ In flight only the load acts, so that the step is exact. Nothing here decides ho
 import math
 from typing import NamedTuple
 
+from .closest import ON_PLANE, Surfaces
 from .compiler import in_kernel, inlined
 from .contact import (
     NO_BOUNDARY,
+    Interval,
     Mode,
     Motion,
     Stage,
@@ -18,6 +20,7 @@ from .contact import (
     stage_at,
 )
 from .laws import BEGIN
+from .profiles import CELL_WIDTH, has_knot
 from .tableaux import ESDIRK, FEHLBERG
 
 MAX_EXPLICIT_STEP = 1.0
@@ -27,9 +30,6 @@ SINGULAR_ERROR_FACTOR = 10.0
 """Factor on the explicit estimate where a layer begins. The force is the 1.5th power of the way from there, and both
 orders fail alike: for t^1.5 they are 8.2e-4 and 9.0e-4 off, so that their difference is a tenth of the error. Without
 it a fifth fewer evaluations on measured knees, and more forces than the estimate covers (`studies.honesty scenes`)."""
-KNOT_SPACING_SHARE = 0.2
-"""The same factor applies where a step turns the femur by more than this fraction of the turn between two knots of its
-spline. Tuned; `studies.honesty measured` would notice: the estimate is half as far above the error without it."""
 STIFF_ORDER_LIMIT = 100.0
 """h² k/m + h c/m above which an implicit step has only its stage order. Tuned; `studies.honesty scenes` would notice:
 without it 6 depths and 6 forces of 0.14 million are not covered."""
@@ -107,6 +107,20 @@ def scan_stages(
     return boundary, fraction, leap
 
 
+@in_kernel
+def crosses_knot(surfaces: Surfaces, tick: Interval, s: float, h: float) -> bool:
+    """Whether a step of `h` [s] may cross a point of the femur's spline, where its third derivative jumps."""
+    if surfaces.knot_spacing == math.inf:
+        return False
+    half = 0.5 * tick.angle_rate * h
+    if abs(half) >= CELL_WIDTH or surfaces.kind != ON_PLANE:
+        return abs(half) >= CELL_WIDTH
+    middle, cells = tick.angle + tick.angle_rate * s + half - surfaces.slope, surfaces.cells
+    return (
+        has_knot(cells, middle - half) or has_knot(cells, middle) or has_knot(cells, middle + half)
+    )
+
+
 @inlined
 def explicit_step(mode: Mode, known: int, begin: Motion, h: float) -> Step:
     """Take one step of Fehlberg's method of `h` [s]; `known` is the boundary that it is to end on, or `NO_BOUNDARY`.
@@ -145,8 +159,9 @@ def explicit_step(mode: Mode, known: int, begin: Motion, h: float) -> Step:
     layer_begin = float(knee.law[layer, BEGIN])
     # Where the force or the curve is not smooth, both orders of the pair fail alike; see `SINGULAR_ERROR_FACTOR`.
     near_begin = abs(end.depth - one.depth) >= min(one.depth, end.depth) - layer_begin
-    over_knots = abs(mode.tick.angle_rate) * h > KNOT_SPACING_SHARE * knee.surfaces.knot_spacing
-    scale = h * SINGULAR_ERROR_FACTOR if near_begin or over_knots else h
+    scale = h
+    if near_begin or crosses_knot(knee.surfaces, mode.tick, s, h):
+        scale = h * SINGULAR_ERROR_FACTOR
     least = min(two.depth, three.depth, four.depth, six.depth, end.depth)
     most = max(two.depth, three.depth, four.depth, six.depth, end.depth)
     weakest = min(two.force, three.force, four.force, six.force, end.force)
@@ -308,9 +323,10 @@ def doubled_step(mode: Mode, known: int, begin: Motion, h: float, room: int) -> 
     used += first.evaluations + 1
     second = implicit_step(mode, known, halfway, half, room - used)
     stiff = h * (h * first.stiffness + first.damping) > STIFF_ORDER_LIMIT * knee.mass
-    ratio = 3.0 if stiff or knee.surfaces.non_convex > 0.0 else 15.0
-    if abs(mode.tick.angle_rate) * h > knee.surfaces.knot_spacing:
-        ratio = 1.0
+    crosses = knee.surfaces.non_convex > 0.0 or crosses_knot(
+        knee.surfaces, mode.tick, begin.time, h
+    )
+    ratio = 3.0 if stiff or crosses else 15.0
     boundary, fraction = second.boundary, 0.5 + 0.5 * second.fraction
     if first.boundary != NO_BOUNDARY:
         boundary, fraction = first.boundary, 0.5 * first.fraction

@@ -1,6 +1,7 @@
 """How honest the error estimates are: random runs of all kinds, judged tick by tick.
 
 python -m studies.honesty STUDY [--count N] [--seed S] [--table FILE] [--show NUMBER]
+python -m studies.honesty knobs [--part P] [--seed S]      what each tuned constant is worth, in an hour
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import click
 from tabulate import tabulate
 
 from knee_contact_ros.model import kernel
+from studies.honesty import knobs
 from studies.honesty.kinds import STUDIES, found
 from studies.honesty.study import COLUMNS, Row, save, table
 
@@ -24,11 +26,16 @@ SEEDS = 1_000_000
 
 
 @click.command()
-@click.argument("study", type=click.Choice(list(STUDIES)))
+@click.argument("study", type=click.Choice([*STUDIES, "knobs"]))
 @click.option("--count", type=int, help="How many numbers are run.  [default: all]")
 @click.option("--first", default=0, show_default=True, help="The first of them.")
 @click.option("--seed", default=1, show_default=True)
-@click.option("--part", default=1.0, show_default=True, help="Part of the duration of long runs.")
+@click.option(
+    "--part",
+    default=1.0,
+    show_default=True,
+    help="Part of the duration of long runs, or of the numbers of knobs.",
+)
 @click.option("--workers", default=2, show_default=True)
 @click.option(
     "--table",
@@ -56,6 +63,9 @@ def main(
         click.echo(
             tabulate([one._asdict() for one in found(study, part, seed * SEEDS + show)[1]], "keys")
         )
+        return
+    if study == "knobs":
+        knobs.write(path.with_name("knobs.csv"), knobs.lines(part, seed, workers))
         return
     numbers = [seed * SEEDS + first + i for i in range(count or STUDIES[study][1])]
     rows: list[Row] = []

@@ -188,4 +188,7 @@ def compared(
             known & ~(error <= 2.0 * tolerance),
             bound / error,
         )
-    return Judged(depth, None, right, ~right, exact < 0.0, series.fidelity, series.evaluations)
+    none = np.zeros_like(right)  # what the other run cannot answer either is not known
+    return Judged(
+        depth, None, right, none, ~right, exact < 0.0, series.fidelity, series.evaluations
+    )

@@ -48,6 +48,8 @@ class Judged(NamedTuple):
     """Judgement of the force; None if the model gives no estimate of it"""
     said_right: Flags
     """Ticks whose status has no NOT_CONVERGED"""
+    falsely: Flags
+    """Ticks not said right that are known to be"""
     claimed: Flags
     """Ticks said right although their own estimate is beyond the tolerance, or not finite"""
     apart: Flags
@@ -73,6 +75,7 @@ def judge(
         tolerance,
     )
     claimed = right & ~(series.error_estimate <= tolerance)
+    falsely = ~right & depth.known & (depth.error <= tolerance)
     force = None
     if "force_error_estimate" in (series.dtype.names or ()):
         least = max(LEAST_FORCE_ERROR, LEAST_FORCE_SHARE * float(np.max(np.abs(series.load))))
@@ -82,10 +85,12 @@ def judge(
             series.contact_force, truth.force, truth.force_bound, estimate, least, right, asked
         )
         claimed |= right & ~((estimate <= asked) & np.isfinite(estimate))
+        falsely &= force.known & (force.error <= asked)
     return Judged(
         depth,
         force,
         right,
+        falsely,
         claimed,
         truth.depth < 0.0,
         series.fidelity.astype(int),

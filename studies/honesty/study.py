@@ -27,9 +27,10 @@ COLUMNS = (
     "forces OK and wrong",
     "estimate over error",
     "evaluations per tick",
+    "falsely flagged",
 )
 """Columns of the table. Shares are of the ticks (flagged, known) and of the known ones (covered); the estimate over the
-error is the median over runs of their medians, in contact and apart"""
+error is the median over runs of their medians, in contact and apart. Falsely flagged is what is known to be right."""
 FIELDS = (
     "penetration_depth",
     "gap",
@@ -61,6 +62,8 @@ class Row(NamedTuple):
     evaluations: int
     off: float
     """Largest error [m] that is OK and wrong"""
+    falsely: int
+    """Flagged ticks that are known to be right"""
 
 
 def not_finite(series: np.recarray[Any, Any]) -> int:
@@ -88,6 +91,7 @@ def row(groups: Sequence[str], name: str, series: np.recarray[Any, Any], judged:
         ratio,
         int(judged.evaluations.sum()),
         float(depth.error[depth.wrong].max(initial=0.0)),
+        int(judged.falsely.sum()),
     )
 
 
@@ -123,6 +127,7 @@ def table(study: str, rows: Iterable[Row]) -> list[tuple[str, ...]]:
                 str(forces[2]),
                 f"{np.median(ratios):.3g}" if ratios else "",
                 f"{sum(one.evaluations for one in found) / ticks:.1f}",
+                share(sum(one.falsely for one in found), ticks),
             )
         )
     return lines
