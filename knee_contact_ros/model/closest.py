@@ -46,7 +46,8 @@ _FINEST = 1e-14
 _MAX_STEP = 1e-3
 """Largest of Newton's steps [m] of surfaces in contact"""
 _MAX_BUMPY_STEP = 1e-4
-"""The same for bumpy surfaces, so that a step leads to no other bump. Tuned: tests/model/test_surfaces.py"""
+"""The same for bumpy surfaces, so that a step leads to no other bump. Tuned; tests/model/test_surfaces.py would
+notice."""
 _MAX_STEP_PER_DISTANCE = 0.05
 """What is added to that largest step, per vertical distance of the two points"""
 

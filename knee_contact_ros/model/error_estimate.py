@@ -16,14 +16,14 @@ VELOCITY_HORIZON = 0.1
 """Time [s] for which a velocity error counts where neither spring nor dashpot limits it. Tuned; `studies.honesty
 scenes` would notice: with a third of it 0.6 % more of the ticks are flagged."""
 SAFETY_FACTOR = 2.0
-"""By how much an error may exceed its estimate: that of a step, all of which are estimated too small; and that of a
-swing whose phase is lost. Tuned"""
+"""Factor by which errors may exceed their estimates: of steps, as all are estimated too small, and of a swing whose
+phase is lost; its square for implicit steps, whose order is known less. Tuned; `studies.honesty scenes` would notice:
+it is the safety margin."""
 SPREAD_FACTOR = 3.0
 """Factor on the standard deviation in a published estimate: 99.7 % of a normal distribution"""
 CROSS_CORRELATION = 0.1
-"""Part of a step's estimated error that may have any direction of height and velocity. It is the same in all steps, so
-that errors add up instead of their squares. Tuned;
-`studies.honesty scenes` would notice: 0.9 % fewer of the ticks are flagged without it."""
+"""Part of a step's estimated error that may be one of the height instead of the velocity, or the reverse, alike in all
+steps. Tuned; `studies.honesty scenes` would notice: 0.9 % fewer of the ticks are flagged without it."""
 LARGEST_ERROR = 1e7
 """Bound of any error of height [m] and velocity [m/s]"""
 TINY = sys.float_info.min
@@ -34,8 +34,7 @@ used. The series converges for angles below π."""
 SERIES_LIMIT = 1.0
 """The same square up to which a power series is faster than functions, and exact where their difference is not"""
 LINEAR_FRACTION = 1e-3
-"""Part of the depth up to which the contact is linear for an error. Tuned; no study would notice, but ticks take longer
-without it."""
+"""Part of the depth up to which the contact is linear for an error: at most as much of the error is left out"""
 CURVATURE_FACTOR = 0.5
 """Force error by the nonlinearity of the contact law, over stiffness times error times the error's part of the depth.
 Tuned; `studies.honesty scenes` would notice: 4 depths are wrong without it."""

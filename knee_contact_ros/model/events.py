@@ -36,7 +36,8 @@ KINK_MARGIN = 2e-12
 """Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place. With a hundredth of
 it, evaluations on measured knees rise by a fifth (`studies.honesty measured`)."""
 BOUNDARY_TOLERANCE = 0.01
-"""Distance from a boundary at which a step ends on it, as a fraction of the rounding there. Tuned"""
+"""Distance from a boundary at which a step ends on it, as a fraction of the rounding there. Tuned; `studies.honesty
+scenes` (seed 72, number 97) would notice: 60 depths of one scene are not covered with a fraction of 1."""
 MAX_EVENT_ITERATIONS = 60
 """Largest number of attempts to end a step on a boundary"""
 MIN_PROBES = 16.0

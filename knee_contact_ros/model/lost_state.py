@@ -26,10 +26,9 @@ from .run_state import (
     AT_STATIC_VELOCITY,
     AT_STRONGEST_LOAD,
 )
+from .step_control import LOCAL_ERROR_SHARE
 from .types import Floats
 
-FORGOTTEN_SHARE = 1e-2
-"""Share of the tolerance to which a lost difference must decay, and which is assumed to remain then. Tuned"""
 LEAST_LOST_SPEED = 1e-9
 """Smallest bound of a speed [m/s] while the exact solution is lost; 0 means that the solution is known"""
 
@@ -100,7 +99,7 @@ def answer_while_lost(
             decay, _ = eigenvalues(stage.stiffness, stage.damping, mass)
             state[AT_RELAXATION_TIMES] += h * decay
             swing = max(stage.depth, speed * math.sqrt(mass / stage.stiffness))
-            wanted = math.log(1.0 + swing / (FORGOTTEN_SHARE * knee.tolerance))
+            wanted = math.log(1.0 + swing / (LOCAL_ERROR_SHARE * knee.tolerance))
             if state[AT_RELAXATION_TIMES] > wanted:
                 return known_again(knee, state, result, landing)
     state[AT_LOST_SPEED] = min(speed, LARGEST_ERROR)
@@ -141,7 +140,7 @@ def known_again(knee: KneeConstants, state: Floats, result: Result, landing: flo
     state[AT_LOAD_IMPULSE] = 0.0
     state[AT_STRONGEST_LOAD] = 0.0
     state[AT_RELAXATION_TIMES] = 0.0
-    femur, stage, left = result.femur, result.stage, FORGOTTEN_SHARE * knee.tolerance
+    femur, stage, left = result.femur, result.stage, LOCAL_ERROR_SHARE * knee.tolerance
     relaxation = relaxation_rate(stage.stiffness, stage.damping, knee.mass)
     error = with_bound(femur.error, left, left * relaxation)
     return Result(

@@ -36,11 +36,10 @@ from .laws import BEGIN, force_at, law_force, layer_at
 from .statics import static_contact
 from .steps import NEWTON_TOLERANCE_SHARE
 
-UNKNOWN_CHANGE = 0.2
-"""Unknown part of what the motion changes by in a tick, as the linearised contact is not constant. Tuned, with the next
-two as one safety margin: `studies.honesty scenes` would notice if several of them went."""
-UNKNOWN_MOTION = 0.03
-"""Unknown part of the motion itself. Tuned: without it 1.6 % fewer of the ticks are flagged."""
+UNKNOWN_MOTION = 0.05
+"""Unknown part of the motion beside the static contact and of what it changes by in a tick, as the linearised contact
+is not constant. Tuned; `studies.honesty scenes` would notice: 2 % fewer of the quasi-static ticks are flagged without
+it."""
 MAX_PHASE_ERROR = 0.5
 """Phase error [rad] of an oscillation in a tick up to which its phase counts as known. Tuned; `studies.honesty changes`
 would notice: 0.3 % fewer of the ticks are flagged without it."""
@@ -187,8 +186,8 @@ def static_deviation(
         moved.height + end.rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv
     )
     size = abs(moved.height) + abs(error.height)
-    unknown = max(UNKNOWN_CHANGE * expected - doubted, 0.0)
-    unknown = unknown + UNKNOWN_CHANGE * abs(end.rest - begin.rest) + UNKNOWN_MOTION * size
+    unknown = max(UNKNOWN_MOTION * expected - doubted, 0.0)
+    unknown += UNKNOWN_MOTION * (abs(end.rest - begin.rest) + size)
     unknown += CURVATURE_FACTOR * size * min(1.0, size / max(in_layer, TINY))
     if swing > in_layer:
         # The surfaces come apart meanwhile, and touch again at an unknown time.

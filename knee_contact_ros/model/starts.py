@@ -30,9 +30,10 @@ _DEPTHS: Floats = 1e-3 * np.array(
 )
 """Depths [m] for which starts are tabulated: the levels of the table's corners"""
 _SLACK = 2e-5
-"""A place may be the deepest inside a cell if it is less deep by this at a corner [m], and"""
+"""A place may be the deepest inside a cell if it is less deep by this at a corner [m], and by the next. Tuned;
+tests/model/test_surfaces.py, which compares with brute force, would notice."""
 _SLACK_PER_DISTANCE = 0.1
-"""by this per distance from the deepest place. Both tuned: tests/model/test_surfaces.py compares with brute force"""
+"""What is added to that, per distance from the deepest place. Tuned; as above"""
 _SAME_START = 4e-4
 """Distance [m] of two tibial places up to which they are one start"""
 _STEEPEST = 1.4

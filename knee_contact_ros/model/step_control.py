@@ -19,7 +19,8 @@ from .laws import BEGIN, DAMPING
 from .steps import Step
 
 LOCAL_ERROR_SHARE = 0.1
-"""Share of the tolerance that the errors of all steps together may use while the contact remembers them. Tuned."""
+"""Share of the tolerance that the errors of all steps together may use while the contact remembers them, and that is
+left of a lost solution when it counts as forgotten. Tuned; `studies.honesty scenes` would notice."""
 MAX_MEMORY_PHASE = 2e4
 """Phase [rad] of an oscillation for which an error counts. Tuned; `studies.honesty scenes` would notice: evaluations
 rise by a third without it, and those of `changes` by 140 %."""
@@ -40,9 +41,6 @@ scenes` would notice: 0.7 % more of the ticks are flagged without it."""
 DAMPED_PHASE = 5.0
 """Phase [rad] of the contact's oscillation in a step above which the implicit method damps it away. Tuned;
 `studies.honesty scenes` would notice: 590 of 0.14 million depths are not covered without it, and one is wrong."""
-TRANSIENT_ERROR_FRACTION = 0.3
-"""Error of a step that does not resolve a transient, over the way of the transient. Tuned; `studies.honesty scenes`
-would notice: 0.2 % more of the ticks are flagged without it."""
 
 
 @inlined
@@ -118,7 +116,7 @@ def unresolved_motion(mode: Mode, begin: Motion, step: Step, h: float) -> tuple[
     # A creeping femur: the transient at the beginning decays within mass/damping, long before the first stage.
     if c * h >= DAMPED_PHASE * mass and c * c >= 4.0 * k * mass:
         push = abs(one.cosine * one.force - load)
-        crept = TRANSIENT_ERROR_FRACTION * push * mass / (c * c)
+        crept = push * mass / (c * c)
     half_rate, square = 0.5 * c / mass, k / mass
     oscillates = half_rate * half_rate < square
     if square * h * h >= DAMPED_PHASE * DAMPED_PHASE and oscillates:

@@ -56,8 +56,8 @@ IN_LOAD = 2
 IN_HEIGHT = 3
 """Prescribed height [m] or NaN"""
 SETTLING_TIME = 0.1
-"""Time of contact [s] in which the femur settles after a flight that is too far for a knee. Tuned; it decides on
-`IMPLAUSIBLE` only, which no study judges."""
+"""Time of contact [s] in which the femur settles after a flight that is too far for a knee, and stays `IMPLAUSIBLE`: 27
+decay times of the paper's healthy knee, 2 x 9.3 kg over 5 kN s/m"""
 
 
 @in_kernel

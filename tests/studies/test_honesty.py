@@ -5,10 +5,12 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
+from knee_contact_ros.model import solver, steps
 from knee_contact_ros.model.types import ROW, Status
 from studies.honesty.cut import PARTS
 from studies.honesty.judging import judge
 from studies.honesty.kinds import SETTINGS, STUDIES, TIGHT
+from studies.honesty.knobs import OFF, knobs, set_constants
 from studies.honesty.scenes import FAMILIES, TICKS, draw
 from studies.reference import LAWS, Solution
 
@@ -54,6 +56,11 @@ def test_what_counts_as_wrong():
     assert judged.depth.wrong.tolist() == [False, False, False, True, True, True, False]
     assert judged.apart.tolist() == [False, False, False, True, False, False, False]
     assert judged.claimed.tolist() == [False] * 5 + [True, False]
+    assert judged.falsely.tolist() == [False] * 7
+    exact_but_flagged = judge(
+        series([1e-3] * 2, [2e-6] * 2, [True, False]), truth([1e-3] * 2, [EXACT] * 2), TOLERANCE
+    )
+    assert exact_but_flagged.falsely.tolist() == [True, False]
     assert judged.depth.ratio[:2] == pytest.approx([2.0, 2.0])
 
 
@@ -66,6 +73,21 @@ def test_a_number_is_judged(study, runs):
     assert len(rows) == runs
     assert sum(one.known for one in rows) > 0
     assert not any(one.wrong or one.not_finite for one in rows)
+
+
+def test_tuned_constants_are_few_and_each_has_a_study_that_would_notice():
+    tuned = knobs()
+    assert len(tuned) <= 26
+    assert sorted(one.name for one in tuned) == sorted(OFF)
+    for one in tuned:
+        assert "studies.honesty" in one.meaning or "tests/model" in one.meaning, one.name
+
+
+def test_a_constant_that_is_switched_off_reaches_all_modules(monkeypatch):
+    for module in (steps, solver):
+        monkeypatch.setattr(module, "MAX_EXPLICIT_STEP", module.MAX_EXPLICIT_STEP)
+    set_constants({"MAX_EXPLICIT_STEP": 1.5})
+    assert steps.MAX_EXPLICIT_STEP == solver.MAX_EXPLICIT_STEP == 1.5
 
 
 def test_a_reference_that_is_no_better_than_the_model_judges_nothing():
