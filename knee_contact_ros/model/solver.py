@@ -307,7 +307,7 @@ def error_after_step(
         error,
         factor * step.height_error,
         factor * step.velocity_error,
-        SAFETY_FACTOR * SAFETY_FACTOR if step.implicit else SAFETY_FACTOR,
+        2.0 * SAFETY_FACTOR if step.implicit else SAFETY_FACTOR,
         relaxation,
         beside,
     )

@@ -1,6 +1,7 @@
 """What each tuned constant of the model is worth: studies once more, with one constant switched off at a time.
 
-A constant is tuned if its docstring says so. Its value without effect is in `OFF`. Each variant is compiled in a
+A constant is tuned if its docstring says so, and names a study; those of the surfaces are judged by brute force, in
+tests/model/test_surfaces.py. Its value without effect is in `OFF`. Each variant is compiled in a
 process that ends, and judged in another one.
 """
 
@@ -28,7 +29,6 @@ from studies.honesty.study import Row
 
 OFF: dict[str, float] = {
     "LINEAR_FORCE_FRACTION": 1e30,
-    "_MAX_BUMPY_STEP": 1e-3,
     "VELOCITY_HORIZON": 0.03,
     "SAFETY_FACTOR": 1.0,
     "CROSS_CORRELATION": 0.0,
@@ -41,8 +41,6 @@ OFF: dict[str, float] = {
     "MAX_PHASE_ERROR": 1e30,
     "SOFT_LAYER_PHASE": 1e-9,
     "GRAZE_DOUBT": 0.0,
-    "_SLACK": 0.0,
-    "_SLACK_PER_DISTANCE": 0.0,
     "LOCAL_ERROR_SHARE": 1.0,
     "MAX_MEMORY_PHASE": 1e30,
     "RELEASE_STEPS": 0.0,
@@ -94,7 +92,7 @@ def knobs() -> list[Knob]:
                 case (
                     ast.Assign(targets=[ast.Name(id=name)], value=value),
                     ast.Expr(value=ast.Constant(value=str(text))),
-                ) if "Tuned" in text:
+                ) if "Tuned" in text and "studies.honesty" in text:
                     meaning = " ".join(text.split())
                     tuned.append(Knob(file.stem, name, ast.unparse(value), meaning))
     return tuned
