@@ -101,7 +101,7 @@ MUTANTS = (
     Mutant(
         "the published error is a quarter too small",
         "model/error_estimate.py",
-        "SAFETY_FACTOR = 2.0",
+        "SAFETY_FACTOR = 2.25",
         "SAFETY_FACTOR = 1.5",
         "model/test_error_estimate.py model/test_honesty.py model/test_dynamics.py",
     ),

@@ -15,7 +15,7 @@ from .compiler import in_kernel, inlined
 VELOCITY_HORIZON = 0.1
 """Time [s] for which a velocity error counts where neither spring nor dashpot limits it. Tuned; `studies.honesty
 scenes` would notice: with a third of it 0.6 % more of the ticks are flagged."""
-SAFETY_FACTOR = 2.0
+SAFETY_FACTOR = 2.25
 """Factor by which errors may exceed their estimates: of steps, as all are estimated too small, and of a swing whose
 phase is lost; twice that for implicit steps, whose order is known less. Tuned; `studies.honesty scenes` would notice:
 it is the safety margin."""

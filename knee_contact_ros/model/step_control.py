@@ -21,9 +21,9 @@ from .steps import Step
 LOCAL_ERROR_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them, and that is
 left of a lost solution when it counts as forgotten. Tuned; `studies.honesty scenes` would notice."""
-MAX_MEMORY_PHASE = 2e4
-"""Phase [rad] of an oscillation for which an error counts. Tuned; `studies.honesty scenes` would notice: evaluations
-rise by a third without it, and those of `changes` by 140 %."""
+MAX_MEMORY_PHASE = 1.4e4
+"""Phase [rad] of an oscillation for which an error counts where nothing damps it: half a minute of a ringing knee.
+Tuned; `studies.honesty scenes` would notice: evaluations rise by a third without it."""
 STEP_ROUNDING = 4.0 * sys.float_info.epsilon
 """Relative error of a height or velocity below which it is rounding, which no smaller step can cure."""
 RELEASE_STEPS = 8.0
