@@ -35,7 +35,8 @@ from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorder import INTERRUPTION
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, ROW, UNUSABLE, Status
 from knee_contact_ros.node import (
     diagnostics,
     inputs,
@@ -47,12 +48,16 @@ from knee_contact_ros.node import (
 from knee_contact_ros.node.contact_node import CONTACT_NODE
 from knee_contact_ros.node.managed_node import ManagedNode, Stop
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import retuned
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams import compartments, contact_pipeline
 from knee_contact_ros.streams.messages import (
     JointState,
     WrenchStamped,
     encode_joint_state,
     encode_wrench_stamped,
 )
+from knee_contact_ros.streams.strides import Strides
 from knee_contact_ros.streams.topics import KNEE_CONTACT, TickOutput
 from knee_contact_ros.system.ros import private_graph
 
@@ -62,10 +67,14 @@ ROOM = 8
 """Number of items that fit into a socket"""
 BEGIN = 10**12
 """First stamp [ns]"""
+BODY_WEIGHT = 737.0
+"""Body weight [N] of the person whose strides are found"""
 NOT_RECORDED = np.uint8(Status.INPUT_REJECTED)
 """Bits that `solve` of a recording does not repeat: no refused sample is in it"""
-
-
+STEPPING = 4.0 * math.pi
+"""Angular frequency [rad/s] of strides of half a second"""
+SMALLEST = 1e-200
+"""Depth [m] below which no layer may begin here"""
 CHANGES = (
     ("damping", 1000.0),
     ("damping", 9000.0),
@@ -73,7 +82,14 @@ CHANGES = (
     ("layer_depth", 1e-3),
     ("layer_depth", 1e-250),
 )
-"""Parameters `contact.*` with values; those below 1e-4 are refused, the last one by the model only"""
+"""Parameters `contact.*` with values; those below 1e-4 are refused, the last one by the model only (`refusing`)"""
+
+
+def refusing(model: KneeModel, parameters: Parameters) -> KneeModel:
+    """`retuned`, with a law that refuses a value which its parameter may have, as a law of one's own may."""
+    if parameters.contact.layer_depth < SMALLEST:
+        raise ValueError(f"contact law: no layer begins at {parameters.contact.layer_depth:g} m")
+    return retuned(model, parameters)
 
 
 class Killed(BaseException):
@@ -259,6 +275,7 @@ class World:
         """Let the modules see this world."""
         replaced = [
             *[(module, "time", self.clock) for module in TIMED],
+            *[(module, "retuned", refusing) for module in (compartments, contact_pipeline)],
             (outputs, "threading", self.threads),
             (outputs, "select", SimpleNamespace(poll=Poll, POLLIN=1, POLLOUT=4)),
             (outputs, "start_connected", self.start_connected),
@@ -326,6 +343,7 @@ class Schedule:
         if self.forces != pipeline.ticks + lost:
             self.wrong.append(f"{self.forces} forces, {pipeline.ticks} answers, {dict(refused)}")
         self._check_files()
+        self._check_strides()
         return self.wrong
 
     def _set(self, values: dict[str, Any]) -> bool:
@@ -410,12 +428,12 @@ class Schedule:
             stamp = BEGIN + self.jump + round(1e9 * time)
             if stream == 0:
                 state = JointState(
-                    stamp, "", ("knee",), (0.5 + 0.4 * math.sin(5.0 * time),), (), ()
+                    stamp, "", ("knee",), (0.5 - 0.4 * math.cos(STEPPING * time),), (), ()
                 )
                 self.session.inputs[0]._on_message(encode_joint_state(state))
                 return
             self.forces += 1
-            force = (0.0, -800.0 * max(math.sin(7.0 * time), 0.0025) * 2.0, 0.0)
+            force = (0.0, -1600.0 * max(math.cos(STEPPING * (time - 0.05)), 0.0025), 0.0)
             wrench = WrenchStamped(stamp, "tibia", force, (0.0, 0.0, 0.0))
             self.session.inputs[1]._on_message(encode_wrench_stamped(wrench))
 
@@ -462,6 +480,24 @@ class Schedule:
                 self._check_whole(path, bool(found))
             elif not sink.failure:
                 self.wrong.append(f"{path.name} is not there, and nothing is said")
+
+    def _check_strides(self) -> None:
+        """Check that a stride is usable if all answers from the one before its beginning to the one after its end are.
+
+        Not where stamps went back.
+        """
+        rows = np.frombuffer(b"".join(self.rows), ROW)
+        stamps, finder = rows["stamp"], Strides(BODY_WEIGHT)
+        if (np.diff(stamps) <= 0).any():
+            return
+        for stride in finder.add_answers(rows) + finder.finish_strides():
+            before = stamps <= stride.span.start
+            after = stamps >= stride.span.end
+            used = (stamps >= stamps[before].max()) & (
+                stamps <= stamps[after].min(initial=stamps[-1])
+            )
+            if stride.usable == bool((rows["status"][used] & UNUSABLE).any()):
+                self.wrong.append(f"a stride of {stride.span} is usable: {stride.usable}")
 
     def _check_whole(self, path: Path, answers: bool) -> None:
         """Check a file that has its final name."""

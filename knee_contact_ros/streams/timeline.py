@@ -165,7 +165,7 @@ class Timeline(Generic[S]):
                 return [*between, sample]
             # Behind the last one, but not if it goes on from those held back
             is_late = -self._max_gap <= step <= 0 and not (
-                held_back and stamp > held_back[-1].stamp
+                held_back and 0 < stamp - held_back[-1].stamp <= self._max_gap
             )
         if held_back and not is_late and stamp <= held_back[-1].stamp:
             is_late = self._is_late_among_held_back(stamp)

@@ -430,6 +430,18 @@ def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed):
     assert paired.angle_time.missing == 0
 
 
+def test_a_repeated_stamp_after_a_wrong_one_is_late_and_no_jump():
+    """It was taken for the next one of a stream that had jumped, although that was seconds behind."""
+    synchroniser, pairs = Synchroniser(PairingSection()), list[PairedSample]()
+    for number in range(100):
+        stamp = {50: -10_000, 51: 245}.get(number, 5 * number)
+        pairs += synchroniser.push_angle(angle(stamp))
+        if number > 5:
+            pairs += synchroniser.push_load(load(5 * (number - 6)))
+    assert [pair.status & ~REJECTED for pair in pairs] == [0] * 94
+    assert synchroniser.angle_time.jumps == 0
+
+
 def test_what_is_lost_in_large_holes_is_counted_beside_the_jump():
     paired = Synchroniser(PairingSection(max_gap=0.1))
     for number in [*range(100), *range(160, 260), *range(460, 560)]:
