@@ -321,7 +321,8 @@ class Health:
             )
         for topic, number in missing.items():
             if lost_now := self.increase(f"missing {topic}", number):
-                problems.append(f"{lost_now} samples of {topic} are missing: holes in its stamps")
+                lost = "1 sample is" if lost_now == 1 else f"{lost_now} samples are"
+                problems.append(f"{lost} missing on {topic}: holes in its stamps")
         return problems
 
     def _lead_problem(self, lead: float) -> str:

@@ -103,7 +103,6 @@ class Scene:
         self._last_states: dict[str, int] = {}
         self._notes: list[tuple[str, Mapping[str, str]]] = []
         """Notes that wait for the next answers"""
-        self._write_constants()
 
     def show(self, answers: Rows) -> None:
         """Write answers, at least one."""
@@ -112,6 +111,7 @@ class Scene:
             # Rerun allows one kind of time on a timeline: the first stamp decides.
             self._last_stamp = int(stamps[0])
             self._dated = self._last_stamp >= FIRST_DATE
+            self._write_constants()  # not before: without a pose the femur would lie in the tibia
             self._send_states(layout.GAIT, stamps[:1], [_NO_PHASE])
         self._write_events(self._take_notes())
         self._count += len(answers)

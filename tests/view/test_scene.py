@@ -464,3 +464,14 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer():
         light = luminance(colour)
         assert 1.05 / (light + 0.05) > 2.5, colour
         assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour
+
+
+def test_before_the_first_answer_no_knee_is_shown(knee, tmp_path):
+    """Without a pose the femur would lie in the tibia."""
+    drawing, rows = knee
+    bones = [
+        constant(written(tmp_path / f"{len(each)}.rrd", drawing, each), "Mesh3D:vertex_positions")
+        for each in ([], [rows[:1]])
+    ]
+    assert not bones[0]
+    assert "/knee/body/femur/bone" in bones[1]
