@@ -464,7 +464,8 @@ class Schedule:
     def _meet_best_effort(self) -> None:
         stream = self.dice.choice(self.session.inputs)
         kind = QoSPolicyKind.RELIABILITY
-        stream._on_incompatible_qos(stream.topic, SimpleNamespace(last_policy_kind=kind))
+        if stream.topic in stream._subscriptions:  # they are made once a publisher is known
+            stream._on_incompatible_qos(stream.topic, SimpleNamespace(last_policy_kind=kind))
 
     def _check_files(self) -> None:
         """Check every recording beside what its sink was given."""
