@@ -274,7 +274,7 @@ MUTANTS = (
         "bags/recorder.py",
         "            file.sync()\n        self.file.sync()",
         "            file.sync()",
-        "bags",
+        "bags/test_disk.py bags/test_recorder.py",
     ),
     Mutant(
         "a damaged chunk is read",
@@ -311,7 +311,7 @@ MUTANTS = (
         "lab/checks.py",
         "_LARGEST_RADIANS = 3.5",
         "_LARGEST_RADIANS = 6.9",
-        "lab/opensim/test_results.py lab/test_sensors.py",
+        "lab/opensim/test_command.py lab/test_sensors.py",
     ),
     Mutant(
         "intervals of a fit are a third too narrow",
