@@ -305,7 +305,8 @@ class ContactSession(Session):
     def _tare(self) -> str:
         """Set the parameter load.offset so that the last second's mean load is 0."""
         forces = self.inputs[1].meter
-        if time.monotonic() - forces.last > self.parameters.diagnostics.timeout:
+        silent = time.monotonic() - forces.last > self.parameters.diagnostics.timeout
+        if silent or not forces.received:
             raise UsageError("no force comes")
         offset = self.pipeline.measured_offset()
         return self._set("load.offset", offset, f"load.offset is {offset:.3f} N now")

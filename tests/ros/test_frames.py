@@ -226,7 +226,7 @@ def test_a_free_leg_tares_its_sensor(peer, start_node, tmp_path):
     peer.wait_for_node()
     said = trigger(peer, "tare")
     assert not said[0]
-    assert "0 forces over 0.00 s came on joint_reaction_force" in said[1]
+    assert said[1] == "no force comes"
 
     def send(first, last, axial):
         for i in range(first, last):
