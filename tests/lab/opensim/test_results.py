@@ -68,6 +68,12 @@ UNITS = [
     ((-69.0, 1.0), True, "^deg$"),
     ((-1.2, 0.02), False, "^rad$"),
     ((0.0, 60.0), None, "^deg$"),
+    (
+        (0.5, 3.6),
+        None,
+        "^deg$",
+    ),  # no knee bends by 3.5 rad; one that hardly moves has so few degrees
+    ((0.5, 3.4), None, "does not say inDegrees"),
     ((-69.0, 1.0), False, "inDegrees=no, but a goes from -69 to 1, like degrees; give --angle"),
     ((-1.2, 0.02), True, r"inDegrees=yes, but a goes from -1\.2 to 0\.02, like rad; give --angle"),
     ((0.0, 1.2), None, r"does not say inDegrees, and a goes from 0 to 1\.2; give --angle-unit"),
