@@ -19,8 +19,8 @@ FIRST_JUDGED = 5
 """Number of leads that are judged at once; all of them are judged later"""
 LEAST_CHANGE = NANOSECONDS // 200
 """Smallest change [ns] that counts, beyond the scatter of the leads before it"""
-FAMILIAR_TIME = NANOSECONDS
-"""Time [ns] without a change after which the leads are believed"""
+FAMILIAR_TIME = NANOSECONDS * 9 // 10
+"""Time [ns] without a change before a doubtful sample, after which the leads are believed"""
 KEPT = 1000
 """Largest number of leads that are kept"""
 
