@@ -45,8 +45,6 @@ from .problems import (
 
 SEARCH_PERIOD = 1.0
 """Time [s] between two searches for topics that match a pattern"""
-DISCOVERY_TIME = 5.0
-"""Time [s] after which a topic without a known publisher is subscribed to; in it a node finds those that are there"""
 INPUT_DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""
 
@@ -193,8 +191,7 @@ class Input:
     Another node in the process may hand the messages over instead (`handed`).
 
     A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So each
-    waits until a publisher is known, for a while, and is as reliable as that; the publisher would warn of another one.
-    It becomes best effort when it meets a best-effort publisher later, unless the user has decided.
+    begins as reliable, and becomes best effort when it meets a best-effort publisher, unless the user has decided.
     Matching topics that appear later are found within a second; topics without publishers are dropped.
     """
 
@@ -230,8 +227,7 @@ class Input:
             set[str](),
         )  # topics; the latter with a publisher we do not hear
         self._matches = ANY in topic
-        self._due = math.inf  # when to look for topics that match, or for a first publisher
-        self._known_by = 0.0  # monotonic time [s] until which a first publisher is waited for
+        self._due = math.inf  # when to look for topics that match
         given = (
             ""
             if self._matches
@@ -252,18 +248,17 @@ class Input:
         """Subscribe, or begin to look for topics or to take what is handed over."""
         if self.handed:
             self.handed.taker = self._on_message
-        else:
+        elif self._matches:
             self._due = 0.0
-            self._known_by = time.monotonic() + (0.0 if self._decided_by_user else DISCOVERY_TIME)
-            self.look_for_publishers()
-
-    def _offered(self, topic: str) -> list[ReliabilityPolicy]:
-        """Reliabilities of the publishers that are known."""
-        found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return [each.qos_profile.reliability for each in found]
+        else:
+            self._subscribe(self.topic)
 
     def _subscribe(self, topic: str) -> None:
-        is_offered = ReliabilityPolicy.BEST_EFFORT in self._offered(topic)
+        name = self._node.resolve_topic_name(topic)
+        offered = self._node.get_publishers_info_by_topic(name)
+        is_offered = any(
+            each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for each in offered
+        )
         if is_offered and not self._decided_by_user and topic not in self._best_effort:
             self._listen_with_best_effort(topic)
         best_effort = topic in self._best_effort
@@ -324,7 +319,7 @@ class Input:
         )
 
     def adapt_reliability(self) -> None:
-        """Subscribe as best effort if a publisher could not be received; look for publishers if it is time.
+        """Subscribe as best effort if a publisher could not be received; look for topics once a second.
 
         Do not call it from the subscription's own callbacks.
         """
@@ -338,19 +333,9 @@ class Input:
             self._unsubscribe(topic)
             self._subscribe(topic)
         self._incompatible.clear()
-        self.look_for_publishers()
-
-    def look_for_publishers(self) -> None:
-        """Subscribe to a topic once a publisher is known, or it has taken too long; look for those that match."""
-        now = time.monotonic()
-        if now < self._due:
-            return
-        if self._matches:
-            self._due = now + SEARCH_PERIOD
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + SEARCH_PERIOD
             self._search_topics()
-        elif now >= self._known_by or self._offered(self.topic):
-            self._due = math.inf
-            self._subscribe(self.topic)
 
     def _listen_with_best_effort(self, topic: str) -> None:
         """Note that a topic is to be listened to like its publisher offers it, and say so."""
