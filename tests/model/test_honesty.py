@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.honesty import changes, long_runs
+from studies.honesty import changes, long_runs, measured
 from studies.honesty.judging import judge
 from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
@@ -129,6 +129,13 @@ def test_after_a_change_no_answer_is_said_right_and_wrong(seed):
     found = list(changes.rows(seed))
     assert sum(one.known for one in found) == 400
     assert sum(one.wrong for one in found) == 0
+
+
+def test_a_spike_of_an_encoder_over_a_measured_condyle_is_covered():
+    """A turn of 0.3 rad in 0.1 ms, over ten points of the spline; 55 depths of a run were not covered."""
+    found = [one for one in measured.rows(7303000004) if one.name.startswith("dynamic")]
+    assert sum(one.known for one in found) > 500
+    assert all(one.covered == one.known and not one.wrong for one in found)
 
 
 def test_estimates_of_many_scenes_hold():
