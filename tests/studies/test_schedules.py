@@ -50,7 +50,7 @@ SCHEDULES = 6
 
 
 @pytest.mark.parametrize("fault", PUT_BACK)
-def test_a_fault_put_back_is_found(fault):
+def test_a_fault_put_back_is_found(fault, tmp_path):
     first, code = PUT_BACK[fault]
     program = (
         f"from studies.schedules import *\n{code}\n"
@@ -58,8 +58,8 @@ def test_a_fault_put_back_is_found(fault):
     )
     done = subprocess.run(
         [sys.executable, "-c", program],
-        cwd=ROOT,
-        env=os.environ,
+        cwd=tmp_path,  # where snapshots without a path lie
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         timeout=patience(),
