@@ -112,6 +112,7 @@ class Scene:
             self._last_stamp = int(stamps[0])
             self._dated = self._last_stamp >= FIRST_DATE
             self._write_constants()  # not before: without a pose the femur would lie in the tibia
+            self._recording.flush()  # a viewer that gets a mesh's points before its triangles complains
             self._send_states(layout.GAIT, stamps[:1], [_NO_PHASE])
         self._write_events(self._take_notes())
         self._count += len(answers)

@@ -159,6 +159,8 @@ class Peer:
         self.contacts: list[KneeContact] = []
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
+        self.reported: list[tuple[str, dict[str, str]]] = []
+        """All entries of `/diagnostics`, in order: names and values"""
         self.problems: dict[str, str] = {}
         self.reports = 0
         """How many messages of `/diagnostics` have come"""
@@ -183,6 +185,7 @@ class Peer:
         self.reports += 1
         for status in message.status:
             self.diagnostics[status.name] = {value.key: value.value for value in status.values}
+            self.reported.append((status.name, self.diagnostics[status.name]))
             self.problems[status.name] = status.message
             self.told.add(status.message)
 

@@ -175,14 +175,13 @@ def test_a_split_that_cannot_be_used_is_told(peer, start_node):
         "knee_contact: force +- [N]": f"{force:.1f}",
         "knee_contact: depth +- [mm]": f"{1e3 * depth:.4f}",
     }
-    assert peer.diagnostics["knee_contact: load"] == {
-        "from [N]": "-175.0",
-        "to [N]": "1075.0",
-        "share of the axial load": "-0.19 to 1.19",
-        "above 1": "1",
-        "below 0": "1",
-        **off,
-    }
+    entries = [values for name, values in peer.reported if name == "knee_contact: load"]
+    shares = {"share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1"}
+    assert peer.diagnostics["knee_contact: load"].items() >= shares.items()
+    # A report has the loads since the one before, and may come amid the three.
+    assert min(float(each["from [N]"]) for each in entries if "from [N]" in each) == -175.0
+    assert max(float(each["to [N]"]) for each in entries if "to [N]" in each) == 1075.0
+    assert any(each.items() >= off.items() for each in entries)
     assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()
 
 
