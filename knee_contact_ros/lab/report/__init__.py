@@ -351,7 +351,10 @@ def _all_recordings(found: Sequence[ReportRun]) -> PageTable:
     table = paired(first, second)
     rows = []
     several_laws = figures.has_several_laws([*bases, *compared])
+    no_mean = figures.has_several_laws(bases)
     for name, key, digits in _CYCLE_ROWS:
+        if no_mean and (key in _OF_DEPTH or name.startswith("bone")):
+            continue
         one = table.loc[name]
         cells = [name, f"{one['first']:{digits}} ± {one['first_sd']:{digits}}"]
         if compared:
@@ -363,10 +366,11 @@ def _all_recordings(found: Sequence[ReportRun]) -> PageTable:
     head = ["", f"{len(bases)} recordings"]
     if compared:
         head += [f"with {compared[0].label.rpartition(', with ')[2]}", "difference"]
-    note = (
-        "Mean ± standard deviation over the recordings, each one the mean of its cycles. Differences are paired by "
-        "recording, with their 95 % interval (Student's)."
-    )
+    note = "Mean ± standard deviation over the recordings, each one the mean of its cycles."
+    if no_mean:
+        note += " Left out: what is not comparable under different laws."
+    if compared:
+        note += " Differences are paired by recording, with their 95 % interval (Student's)."
     return PageTable(head, rows, note)
 
 
@@ -400,7 +404,7 @@ def summary(run: ReportRun) -> dict[str, str]:
     otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
-        "load": figures.which_load(run.parameters),
+        "load": f"{figures.which_load(run.parameters)}; body weight {run.weight:.1f} N",
         "from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
         "ticks": f"{gathered.ticks} in {time:.2f} s ({rate})",
         "gait cycles": cycles,

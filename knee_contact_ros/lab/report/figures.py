@@ -243,8 +243,9 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
     if measured:
         of_depth = f"Grey: peak deformations, {measured.lowest:.2f} to {measured.highest:.2f} mm. "
     of_depth += "A depth here follows from the contact law and the force."
-    if has_several_laws(cyclic):
-        of_depth += f" {NOT_COMPARABLE}"
+    several = has_several_laws(cyclic)
+    of_depth += f" {NOT_COMPARABLE}" if several else ""
+    across = " Not comparable between laws." if several else ""
     if any(run.has_bone for run in cyclic):
         of_depth += " Dotted: where bone, the second layer, begins."
     laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
@@ -252,8 +253,9 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
         _FORCE: of_force,
         _DEPTH: of_depth,
         _FLEXION: "",
-        _PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
-        _PATCH: "Of a round patch, from the depth and the radii of the law, not of the surfaces.",
+        _PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.{across}",
+        _PATCH: "Of a round patch, from the depth and the radii of the law, not of the surfaces."
+        + across,
         _POINT: "Position along the tibial plateau, from the tibia frame's origin, anterior positive.",
     }
 

@@ -182,6 +182,8 @@ ON_THE_PAGE = (
     "Grey, published of the medial compartment:",
     "The largest load of right, at 2.430 s, is not within a whole gait cycle.",
     "The contact laws differ, so these depths are not comparable.",
+    "Not comparable between laws.",
+    "body weight 737.1 N",
     "No measured range is drawn",
     "gait: right gait2354_right, left gait2354_left",
     "largest nominal strain [%] 16.6 of 4.4 mm 100.0 of 0.5 mm",
@@ -239,6 +241,20 @@ def test_three_recordings_have_means_deviations_and_paired_differences(bags, rec
     ends = [f"{apart.mean() + each:+.1f}" for each in (0.0, -half, half)]
     row = f"loading rate [BW/s] {' '.join(means)} {ends[0]} ({ends[1]} to {ends[2]})"
     assert row in text.partition("3 recordings with healthy.yaml difference")[2]
+
+
+def test_means_over_recordings_leave_out_what_laws_do_not_share(
+    right_bag, config, report, tmp_path
+):
+    files = [tmp_path / f"{name}.mcap" for name in ("healthy", "mri_femur", "osteoarthritis")]
+    for file in files:
+        solve(right_bag, load_parameters(config / f"{file.stem}.yaml"), file)
+    group = text_of(report(*files)).partition("All recordings")[2]
+    _, left_out, more = group.partition("Left out: what is not comparable under different laws.")
+    rows = more.partition("Over time")[0]
+    assert left_out
+    assert "loading rate" in rows
+    assert not re.search("depth|patch|pressure|strain|bone", rows)
 
 
 def test_a_recording_has_its_own_parameters(recording, report):
