@@ -34,7 +34,7 @@ _PLACES = {
     "UsageError": "system.errors",
     "calibrate": "lab.calibrate",
     "estimate_load": "offline.notebooks",
-    "load_model": "offline.notebooks",
+    "load_model": "offline.load_model",
     "paired": "lab.paired",
     "sensitivity": "lab.sensitivity",
     "solve": "offline.notebooks",

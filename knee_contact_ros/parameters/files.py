@@ -41,7 +41,6 @@ from .sections import (
     first_error,
     shortened,
 )
-from .subjects import Subject
 
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 """Parameters that every ROS 2 node has, besides QoS overrides (`qos_overrides.…`)."""
@@ -190,6 +189,10 @@ def sections_in(path: Path) -> Sections:
     sections = read_sections(path)
     if not is_subject(sections):
         return sections
+    from .subjects import (
+        Subject,  # and with it the load node's sections, which a knee alone does not need
+    )
+
     person = Subject(path)
     given = dict[str, Any]()
     for file in person.parameter_files:

@@ -41,6 +41,8 @@ from .sources import TopicSource, orientation_source
 
 LATERAL_PREFIX = "lateral."
 """Beginning of the names of the lateral compartment's parameters"""
+FEMORAL_SHARE = 9.3014 / 75.16
+"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
 _FIRST_ORDER = "first_order"
 """Level of earlier versions"""
 _log = logging.getLogger(__name__)

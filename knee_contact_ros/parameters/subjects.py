@@ -10,11 +10,8 @@ from ..system.errors import UsageError
 from ..system.files import expand_user, find_file, read_mapping
 from ..system.ros_files import Sections
 from .load_schema import LoadParameters
-from .schema import Parameters
+from .schema import FEMORAL_SHARE, Parameters
 from .sections import Section, first_error
-
-FEMORAL_SHARE = 9.3014 / 75.16
-"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
 
 
 class SubjectFile(Section):
