@@ -45,10 +45,8 @@ STAMPS = np.arange(40) * STEP
 ANGLES = 0.2 + 0.3 * np.sin(STAMPS * 3e-9)
 AXIAL = 1500.0 + 900.0 * np.sin(STAMPS * 2e-8)
 """A little series of samples: their step and stamps [ns], angles [rad] and forces [N]"""
-ACQUAINTANCE = 0.3
-"""Time [s] in which a node hears of a client that has heard of it"""
-ACQUAINTANCE_WHEN_BUSY = 5.0
-"""The same [s] beside other tests; a question that has no answer by then is asked again"""
+ACQUAINTANCE = 0.1
+"""Time [s] in which an idle node hears of a client that has heard of it; a question is asked again after it"""
 
 
 @pytest.hookimpl(tryfirst=True)  # before the groups are read
@@ -146,10 +144,6 @@ class NodeProcess:
         return self.process.wait(patience()), own_words(output)
 
 
-SETTLING = 0.25
-"""Time [s] in which a node finds us, too; without it, its first answers were lost once in a while"""
-
-
 class Peer:
     """Publishes samples and listens to answers."""
 
@@ -204,7 +198,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=left)
 
     def wait_for_node(self) -> None:
-        """Wait until the node listens and speaks."""
+        """Wait until the node listens and speaks, and knows that we do."""
         self.wait_until(
             lambda: (
                 self.angle.get_subscription_count()
@@ -213,17 +207,36 @@ class Peer:
                 and self.node.count_publishers("/diagnostics")
             )
         )
-        self.spin(patience(SETTLING))
+        speakers = self.node.get_publishers_info_by_topic("knee_contact")
+        for name in {f"{info.node_namespace}/{info.node_name}" for info in speakers}:
+            self.introduce("/" + name.lstrip("/"))
+
+    def introduce(self, node: str) -> None:
+        """Wait until a node knows our publishers, subscriptions and clients.
+
+        It hears of them in the order in which they were made: when it can answer a new client, it knows the rest. A
+        mere pause lost first answers on a busy machine.
+        """
+        client = self.node.create_client(GetState, f"{node}/get_state")
+        self.wait_until(client.service_is_ready)
+        asked: list[Any] = []
+
+        def is_answered() -> bool:
+            if not asked or time.monotonic() > begin + len(asked) * ACQUAINTANCE:
+                asked.append(client.call_async(GetState.Request()))
+            return any(future.done() for future in asked)
+
+        begin = time.monotonic()
+        self.wait_until(is_answered)
+        self.node.destroy_client(client)
 
     def client(self, service_type: type, name: str) -> Any:
         """Get a client of a service that the node knows, too: it cannot answer one of whom it has yet to hear."""
         kind = service_type, name
-        is_new = kind not in self.clients
-        if is_new:
+        if kind not in self.clients:
             self.clients[kind] = self.node.create_client(service_type, name)
+            self.introduce(name.rpartition("/")[0])
         self.wait_until(self.clients[kind].service_is_ready)
-        if is_new:
-            self.spin(ACQUAINTANCE)
         return self.clients[kind]
 
     def send_angle(self, stamp: int, angle: float, joint: str = "knee") -> None:
@@ -266,23 +279,10 @@ def answers_in(path: Path) -> list[KneeContact]:
 
 
 def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
-    """Call a service and wait for its answer; a mere question is asked again.
-
-    The answer is lost if the node has not heard of the client yet, which takes longer on a busy machine.
-    """
-    client = peer.client(service_type, name)
-    futures, asked = [client.call_async(request)], time.monotonic()
-
-    def is_answered() -> bool:
-        if (
-            service_type is GetState
-            and time.monotonic() > asked + len(futures) * ACQUAINTANCE_WHEN_BUSY
-        ):
-            futures.append(client.call_async(request))
-        return any(future.done() for future in futures)
-
-    peer.wait_until(is_answered)
-    return next(future.result() for future in futures if future.done())
+    """Call a service and wait for its answer."""
+    future = peer.client(service_type, name).call_async(request)
+    peer.wait_until(future.done)
+    return future.result()
 
 
 def trigger(peer: Peer, name: str, node: str = "/knee_contact") -> tuple[bool, str]:
