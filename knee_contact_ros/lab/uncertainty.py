@@ -26,7 +26,12 @@ from ..offline.bag_parameters import file_contents, resolved_parameters
 from ..offline.notebooks import Name, in_python_words, solve_inputs, warn_of
 from ..parameters.curves import curve_files
 from ..parameters.files import ParameterSource, all_values, dotted, known_parameters
-from ..parameters.schema import LATERAL_PREFIX, Parameters, has_two_compartments
+from ..parameters.schema import (
+    LATERAL_PREFIX,
+    Parameters,
+    has_two_compartments,
+    without_effect,
+)
 from ..results import missing_attribute
 from ..system.arguments import checked
 from ..system.errors import UsageError, suggest
@@ -50,6 +55,8 @@ LEAST_PART = 5e-4
 """Smallest deviation as a part of the value, if the number is below 1: it would otherwise be a fraction of the value"""
 MAX_DEVIATION = {"rad": 0.35, "m": 0.01, "": 1.0}
 """Largest deviation of an input by its unit, and of any angle"""
+LEAST_EFFECT = (1e-9, 1e-3)
+"""Smallest effects on depth [m] and force [N] that count: rounding and the solver's own errors are as large"""
 DEFAULT_LEVEL = 0.95
 """Default probability of an interval"""
 
@@ -109,10 +116,10 @@ def deviations_of(
         raise UsageError(
             "uncertainty: no standard deviation is given; for example contact.stiffness: 10 %"
         )
-    without_effect = {"femoral_height"}
+    unused = {"femoral_height"}
     if parameters.drive == "displacement":
-        without_effect = {"axial_load", "medial_share"}
-    inputs = [name for name in UNCERTAIN_INPUTS if name not in without_effect]
+        unused = {"axial_load", "medial_share"}
+    inputs = [name for name in UNCERTAIN_INPUTS if name not in unused]
     prefixes: tuple[str, ...] = UNCERTAIN_PREFIXES
     if has_two_compartments(parameters):
         prefixes = (*prefixes, LATERAL_PREFIX)
@@ -189,12 +196,26 @@ class Propagated(NamedTuple):
 
     def __repr__(self) -> str:
         at = int(self.rows["contact_force"].argmax())
-        names = ", ".join(each.name for each in self.parts)
+        names = ", ".join(each.name for each in self.parts if each not in self.without_effect)
+        idle = ", ".join(each.name for each in self.without_effect)
         force, depth = (self.rows[name][at] for name in ("contact_force", "penetration_depth"))
         return (
             f"<Propagated: {len(self.rows)} ticks; at the largest force {force:.1f} ± {self.force[at]:.2g} N, "
-            f"{1e3 * depth:.3f} ± {1e3 * self.depth[at]:.2g} mm, one standard deviation of {names}>"
+            f"{1e3 * depth:.3f} ± {1e3 * self.depth[at]:.2g} mm, one standard deviation of {names}"
+            f"{f'; without effect: {idle}' if idle else ''}>"
         )
+
+    @property
+    def without_effect(self) -> list[Deviation]:
+        """Those that change neither depth nor force, such as a constant that the contact law does not use."""
+        return [
+            deviation
+            for deviation, effects in self.parts.items()
+            if all(
+                np.abs(effect).max(initial=0.0) < least
+                for effect, least in zip(effects, LEAST_EFFECT, strict=True)
+            )
+        ]
 
     @property
     def depth(self) -> Floats:
@@ -274,6 +295,13 @@ class UncertainGait:
         if found.failed[0]:
             raise UsageError(found.failed[0])
         return [several[0] for several in found.series]
+
+    @property
+    def doubt(self) -> str:
+        """Sentence on constants that the contact law does not use; empty if there are none."""
+        names = [each.name for each in self.deviations]
+        of_law = [name.removeprefix("contact.") for name in names if name.startswith("contact.")]
+        return without_effect(self.parameters.contact, of_law)
 
     def propagate(self, advance: OnProgress = no_progress) -> Uncertainty:
         """Propagate the standard deviations linearly.
@@ -399,5 +427,6 @@ def uncertainty(
         inputs = solve_inputs(bag, params, values, subject, remap, namespace)
         with inputs as (opened, basis, names), progress("Propagating") as advance:
             gait = read_uncertain_gait(opened, basis, deviations or {}, names, compiled=compiled)
-            warn_of(opened.path, "solved", gait.recording.doubts, gait.recording.damage)
+            doubts = [*gait.recording.doubts, gait.doubt]
+            warn_of(opened.path, "solved", doubts, gait.recording.damage)
             return gait.propagate(advance)

@@ -15,7 +15,6 @@ import pandas as pd
 from ... import __version__
 from ...model.types import MM, ContactState, Status
 from ...parameters.schema import Parameters
-from ...results import begin_of, stamp_text
 from ...streams.strides import RISE_TIME
 from ...streams.topics import NANOSECONDS, is_lateral
 from ...system.errors import IncompleteError, UsageError, join_faults
@@ -94,6 +93,10 @@ _CYCLE_ROWS = (
 """Rows of the table of cycles: name, number of a cycle (divided by the body weight if the unit has BW), and digits"""
 _OF_DEPTH = [key for _, key, _ in _CYCLE_ROWS if re.search("depth|patch|pressure|strain", key)]
 """Numbers of a cycle that are not comparable under different laws"""
+_RINGING_TIME = 0.05
+"""Time [s] on both sides of a peak within which its ringing is looked for: less than a swing of the contact"""
+_LEAST_RINGING = 0.005
+"""Smallest ringing that is shown, in body weights: two digits are printed"""
 _LEAST_GROUP = 3
 """Number of recordings from which their mean and deviation are shown"""
 
@@ -175,9 +178,12 @@ def _contents(found: Sequence[ReportRun], kind: str) -> dict[str, str | bytes]:
         differences=_what_differs(found),
         drawn=drawn,
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
-        cycles=_side_by_side([_cycle_summary(run) for run in cyclic], cyclic),
+        cycles=_side_by_side(
+            [_cycle_summary(run) for run in cyclic], cyclic, _stopped_by_bone(cyclic)
+        ),
         paired=_paired_differences(found),
         group=_all_recordings(found),
+        sources=figures.sources_of(cyclic),
         still=bool(cyclic) and not figures.moves(cyclic),
         uncertain=[
             (run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)
@@ -246,8 +252,9 @@ def _peak_table(found: Sequence[ReportRun]) -> PageTable:
         for which in kinds:
             group = run.gathered.peaks[run.gathered.peaks["peak"] == which]
             mark = _implausible(group["status"].to_numpy(int))
+            ringing = max((_ringing_near(run, tick) for tick in group["tick"]), default=0.0)
             for column, name, digits in _PEAK_QUANTITIES:
-                text = _spread(group[column], digits) + mark + _rings(run, name)
+                text = _spread(group[column], digits) + mark + _rings(run, name, ringing)
                 cells.append((f"{which} peak: {name}", text))
         columns.append(cells)
         gathered = run.gathered
@@ -255,8 +262,8 @@ def _peak_table(found: Sequence[ReportRun]) -> PageTable:
         in_cycle = any(span.start <= stamp < span.end for span in gathered.spans)
         if run.beside is None and kinds and not in_cycle:
             what = gathered.driving.replace("_", " ")
-            begin = begin_of(int(gathered.columns["stamp"][0]))
-            where = f"{run.label}, at {stamp_text(stamp, begin)} s,"
+            since = gathered.elapsed[gathered.largest] / NANOSECONDS
+            where = f"{run.label}, {since:.3f} s after the first tick,"
             notes.append(f"The largest {what} of {where} is not within a whole gait cycle.")
     return _side_by_side(columns, found, " ".join(notes))
 
@@ -272,7 +279,7 @@ def _largest_values(run: ReportRun) -> list[tuple[str, str]]:
         text += _implausible(run.gathered.columns["status"][at])
         if column == "load_BW" and run.prescribed:
             text = NO_VALUE
-        cells.append((f"largest {name}", text + _rings(run, name)))
+        cells.append((f"largest {name}", text + _rings(run, name, _ringing_near(run, at))))
     return cells
 
 
@@ -289,11 +296,25 @@ def _cycle_summary(run: ReportRun) -> list[tuple[str, str]]:
         values = strides[key] / (run.weight if "[BW" in name else 1.0)
         if name.startswith("bone") and not run.has_bone:
             values = values[:0]
-        text = _spread(values, digits) + _rings(run, name)
+        text = _spread(values, digits) + _rings(run, name, strides["ringing_N"].max())
+        if "sliding" in name and text != NO_VALUE and run.is_hinge:
+            text += " of a fixed hinge"
         if "strain" in name and text != NO_VALUE and run.model and run.model.patch:
             text += f" of {MM * run.model.patch.thickness:g} mm"
         rows.append((name, text))
     return rows
+
+
+def _stopped_by_bone(cyclic: Sequence[ReportRun]) -> str:
+    """Sentence on the loading rates where some runs reach bone and others do not; empty otherwise."""
+    reach = {bool((run.gathered.strides["bone_contact_s"] > 0.0).any()) for run in cyclic}
+    if len(reach) < 2 or any(run.parameters.fidelity.level == "quasi_static" for run in cyclic):
+        return ""
+    step = max(float(np.median(run.gathered.seconds)) for run in cyclic)
+    return (
+        "Where bone stops the femur, the contact force exceeds the load for some milliseconds, as the model's femur "
+        f"has mass: loading rates are higher. Samples {MM * step:.2g} ms apart miss part of this, in some strides more."
+    )
 
 
 def _paired_differences(found: Sequence[ReportRun]) -> PageTable:
@@ -311,7 +332,12 @@ def _paired_differences(found: Sequence[ReportRun]) -> PageTable:
                 run.has_bone or not name.startswith("bone")
             )
             known &= key not in _OF_DEPTH or not figures.has_several_laws([base, run])
-            text = _difference(one, digits) + (_rings(run, name) or _rings(base, name))
+            known &= "sliding" not in name or not run.is_hinge  # it is that of the angle
+            ringing = (
+                _rings(each, name, each.gathered.strides["ringing_N"].max())
+                for each in (run, base)
+            )
+            text = _difference(one, digits) + next(filter(None, ringing), "")
             cells.append((name, text if known else NO_VALUE))
         columns.append((run, cells))
     note = (
@@ -361,6 +387,8 @@ def _all_recordings(found: Sequence[ReportRun]) -> PageTable:
             left_out = several_laws and key in _OF_DEPTH
             cells.append(f"{one['second']:{digits}} ± {one['second_sd']:{digits}}")
             cells.append(NO_VALUE if left_out else _difference(one, digits))
+        if "sliding" in name and any(run.is_hinge for run in bases):
+            continue
         if np.isfinite(one["first"]) and not (several_laws and "strain" in name):
             rows.append(cells)
     head = ["", f"{len(bases)} recordings"]
@@ -374,11 +402,21 @@ def _all_recordings(found: Sequence[ReportRun]) -> PageTable:
     return PageTable(head, rows, note)
 
 
-def _rings(run: ReportRun, name: str) -> str:
-    """Return the mark of a largest force or loading rate that contains ringing, with how much at most, else nothing."""
-    if not (run.ringing and run.ringing.is_told):
+def _ringing_near(run: ReportRun, tick: int) -> float:
+    """Largest ringing [N] within `_RINGING_TIME` of a tick; 0 if it is not known."""
+    elapsed = run.gathered.elapsed
+    near = np.abs(elapsed - elapsed[tick]) <= _RINGING_TIME * NANOSECONDS
+    return float(np.abs(run.gathered.columns.get("ringing", np.zeros(len(near)))[near]).max())
+
+
+def _rings(run: ReportRun, name: str, ringing: float) -> str:
+    """Return the mark of a largest force or loading rate that contains ringing, with how much at most, else nothing.
+
+    `ringing` [N] is the largest where the value comes from.
+    """
+    if not (run.ringing and run.ringing.is_told and ringing > _LEAST_RINGING * run.weight):
         return ""
-    largest = run.ringing.largest / run.weight
+    largest = ringing / run.weight
     if name == "loading rate [BW/s]":
         return f" (rings: ± {2.0 * largest / RISE_TIME:.1f})"
     return f" (rings: ± {largest:.2f})" if name.endswith("contact force [BW]") else ""
@@ -405,7 +443,7 @@ def summary(run: ReportRun) -> dict[str, str]:
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
         "load": f"{figures.which_load(run.parameters)}; body weight {run.weight:.1f} N",
-        "from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
+        "stamps from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
         "ticks": f"{gathered.ticks} in {time:.2f} s ({rate})",
         "gait cycles": cycles,
         "pressure": figures.pressure_of(run),
@@ -451,6 +489,9 @@ def _contribution_table(run: ReportRun, of: Propagated) -> PageTable:
         f"{low:.3f} and {high:.3f} mm, and the contact force between {least:.0f} and {most:.0f} N "
         f"({DEFAULT_LEVEL:.0%}). RMS: over all ticks."
     )
+    if of.without_effect:
+        idle = ", ".join(f"{each.name} ({each.text})" for each in of.without_effect)
+        note += f" Without effect on depth and force, and left out: {idle}."
     return PageTable(("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]"), rows, note)
 
 
@@ -463,7 +504,11 @@ def _contributions(run: ReportRun, of: Propagated) -> Iterator[tuple[Any, ...]]:
     at = int(of.rows[run.gathered.driving].argmax())
     errors = (of.rows["error_estimate"], of.rows["force_error_estimate"])
     for name, deviation, depth, force in (
-        *((deviation.name, deviation.text, *part) for deviation, part in of.parts.items()),
+        *(
+            (deviation.name, deviation.text, *part)
+            for deviation, part in of.parts.items()
+            if deviation not in of.without_effect
+        ),
         (figures.ALL_INPUTS, "", of.depth, of.force),
         (figures.NUMERICAL_ERROR, "", *errors),
     ):

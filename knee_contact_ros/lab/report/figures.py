@@ -35,6 +35,8 @@ _HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3
 _DOTS_PER_INCH = 200
 _LEGEND_LETTERS = 50
 """Number of letters of a legend line"""
+_TITLE_LETTERS = 30
+"""Number of letters of a line above a knee"""
 _WIDTH = 4.4
 """Width of a figure [in]: small, so that text stays readable on a phone"""
 _EVENT_LINES = {
@@ -65,7 +67,12 @@ class PublishedRange(NamedTuple):
     @property
     def text(self) -> str:
         """Text for a legend of the report."""
-        return f"{self.what} [{', '.join(map(str, self.sources))}]"
+        return f"{self.what} {self.cited}"
+
+    @property
+    def cited(self) -> str:
+        """Numbers of the sources in brackets."""
+        return f"[{', '.join(map(str, self.sources))}]"
 
 
 _FIRST_PEAK_WINDOW = (8.0, 24.0)
@@ -77,13 +84,13 @@ _STANCE_WINDOW = (8.0, 54.0)
 _OF_HEALTHY = "computed, healthy people: 1.8–2, 2–2.3 BW"
 _IN_VIVO = "total, in vivo, knee implants"
 TOTAL = (
-    PublishedRange(f"{_IN_VIVO}: 2.5–2.8 BW", 2.5, 2.8, _STANCE_WINDOW, (2,)),
-    PublishedRange(f"{_IN_VIVO}: mean 2.61 BW", 2.61, 2.61, _STANCE_WINDOW, (1,)),
+    PublishedRange(f"{_IN_VIVO}: 2.5–2.8 BW", 2.5, 2.8, _STANCE_WINDOW, (1,)),
+    PublishedRange(f"{_IN_VIVO}: mean 2.61 BW", 2.61, 2.61, _STANCE_WINDOW, (5,)),
 )
 """Ranges of the force of the whole joint"""
 COMPUTED = (
-    PublishedRange(_OF_HEALTHY, 1.8, 2.0, _FIRST_PEAK_WINDOW, (4,)),
-    PublishedRange(_OF_HEALTHY, 2.0, 2.3, _SECOND_PEAK_WINDOW, (4,)),
+    PublishedRange(_OF_HEALTHY, 1.8, 2.0, _FIRST_PEAK_WINDOW, (3,)),
+    PublishedRange(_OF_HEALTHY, 2.0, 2.3, _SECOND_PEAK_WINDOW, (3,)),
 )
 """Computed ranges of the first and the second peak, with which the model's paper compares its own results"""
 OF_MEDIAL = (
@@ -92,7 +99,7 @@ OF_MEDIAL = (
         0.6 * 2.5,
         0.8 * 2.8,
         _STANCE_WINDOW,
-        (2, 3),
+        (1, 2),
     ),
     *COMPUTED,
 )
@@ -129,7 +136,7 @@ def measured_depths(runs: Sequence[ReportRun]) -> PublishedRange | None:
     if not thickness:
         return None
     text = f"in vivo, MRI and fluoroscopy: 7–23 % of {thickness:g} mm"
-    return PublishedRange(text, 0.07 * thickness, 0.23 * thickness, (0.0, 100.0), (5,))
+    return PublishedRange(text, 0.07 * thickness, 0.23 * thickness, (0.0, 100.0), (4,))
 
 
 def cycles_of(run: ReportRun, what: Quantity) -> Floats:
@@ -241,7 +248,7 @@ def _captions(cyclic: Sequence[ReportRun]) -> dict[Quantity, str]:
     measured = measured_depths(cyclic)
     of_depth = "No measured range is drawn: it holds for one layer of one thickness. "
     if measured:
-        of_depth = f"Grey: peak deformations, {measured.lowest:.2f} to {measured.highest:.2f} mm. "
+        of_depth = f"Grey: peak deformations {measured.cited}, {measured.lowest:.2f} to {measured.highest:.2f} mm. "
     of_depth += "A depth here follows from the contact law and the force."
     several = has_several_laws(cyclic)
     of_depth += f" {NOT_COMPARABLE}" if several else ""
@@ -319,7 +326,9 @@ def knee_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
             caption = "As above."
             rows = canvas.subplots(len(group), len(titles), squeeze=False)
             for row, run, model in zip(rows, group, models, strict=True):
-                label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
+                label = ""
+                if len(group) > 1:
+                    label = f"{textwrap.fill(_plain(run.label), _TITLE_LETTERS)}\n"
                 for axis, title, (_, tick) in zip(row, titles, _drawn_peaks(run), strict=True):
                     angle, place, force = (
                         float(run.gathered.columns[name][tick])
@@ -384,7 +393,7 @@ def _draw_uncertainty(canvas: Any, run: ReportRun, of: Propagated) -> None:
         below.plot(time, values, label=label, **look)
 
     for place, (each, (effect, _)) in enumerate(of.parts.items()):
-        if MICRO * np.abs(effect[shown]).max() > _LEAST_EFFECT:
+        if each not in of.without_effect:
             colour = _HUES[place % len(_HUES)]
             draw_effect(effect, f"{each.name}, {each.text}", color=colour, linewidth=1.4)
     draw_effect(of.depth, ALL_INPUTS, color="black", linewidth=3.0, zorder=1.5)
@@ -404,12 +413,19 @@ def _ranges_of(cyclic: Sequence[ReportRun]) -> tuple[PublishedRange, ...]:
     return TOTAL if kinds.pop() else OF_MEDIAL
 
 
+def sources_of(cyclic: Sequence[ReportRun]) -> set[int]:
+    """Return the numbers of the sources whose ranges are drawn."""
+    measured = measured_depths(cyclic) if cyclic else None
+    drawn = (*_ranges_of(cyclic), *((measured,) if measured else ()))
+    return {number for each in drawn for number in each.sources}
+
+
 def _look(runs: Sequence[ReportRun], run: ReportRun) -> dict[str, Any]:
-    """Colour, style and width of a run's line; later lines are thinner, so that earlier ones stay visible."""
+    """Colour, style and width of a run's line; later ones are thinner, dashed ones on top, so that all are visible."""
     place = runs.index(run)
     look = {"color": _HUES[place % len(_HUES)], "linestyle": "-"}
     if run.beside is not None:
-        return look | {"linestyle": "--", "linewidth": 1.4}
+        return look | {"linestyle": "--", "linewidth": 1.4, "zorder": 2.5}
     return look | {"linewidth": max(3.4 - 0.6 * place, 1.2)}
 
 

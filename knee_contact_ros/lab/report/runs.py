@@ -23,6 +23,7 @@ from ...bags.provenance import (
     with_values,
 )
 from ...model.knee import KneeModel
+from ...model.mechanisms import MECHANISMS
 from ...model.readouts import READOUTS_OF_LAW
 from ...model.ringing import Ringing
 from ...model.types import FLAT
@@ -212,6 +213,11 @@ class ReportRun(NamedTuple):
     def has_bone(self) -> bool:
         """Whether the contact law has a second layer, the bone."""
         return self.parameters.contact.law.startswith("two_layer")
+
+    @property
+    def is_hinge(self) -> bool:
+        """Whether the femur turns about a fixed axis, so that its sliding is that of the angle alone."""
+        return MECHANISMS[self.parameters.translation.mechanism] is MECHANISMS["hinge"]
 
     @property
     def prescribed(self) -> bool:

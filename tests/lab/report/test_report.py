@@ -4,14 +4,17 @@ import base64
 import io
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import knee_contact_ros
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.recorder import BagWriter
+from knee_contact_ros.lab.report import figures
 from knee_contact_ros.lab.report.figures import OF_MEDIAL, TOTAL
 from knee_contact_ros.lab.report.gathered import (
     CYCLE_CURVES,
@@ -180,7 +183,12 @@ ON_THE_PAGE = (
     "except for the contact law of osteoarthritis.yaml",
     "The contact point does not move",
     "Grey, published of the medial compartment:",
-    "The largest load of right, at 2.430 s, is not within a whole gait cycle.",
+    "The largest load of right, 1.900 s after the first tick, is not within a whole gait cycle.",
+    "stamps from … to [s] 0.530 … 2.460",
+    "sliding distance [mm] 105.1 of a fixed hinge 105.1 of a fixed hinge 103.9 of a fixed hinge",
+    "the total in vivo (knee implants: 2.5–2.8 BW) [1, 2]; computed, healthy people: 1.8–2, 2–2.3 BW [3]",
+    "Where bone stops the femur, the contact force exceeds the load for some milliseconds",
+    "Samples 5 ms apart miss part of this",
     "The contact laws differ, so these depths are not comparable.",
     "Not comparable between laws.",
     "body weight 737.1 N",
@@ -209,22 +217,63 @@ def test_words_and_numbers_of_the_page(both):
     assert "What makes no sense" not in text
     peaks = text.partition("Peaks")[2].partition("What differs")[0]
     assert [row for row in PEAK_ROWS if row not in peaks] == []
+    assert sources_in(text) == {1, 2, 3}
+
+
+def sources_in(text):
+    """Numbers of the sources that figures cite: the same are listed."""
+    captions, _, listed = text.partition("Over time")
+    cited = re.findall(r"\[([\d, ]+)\]", captions.partition("Gait cycle")[2])
+    numbers = {int(each) for several in cited for each in several.split(", ")}
+    assert {int(each) for each in re.findall(r"\[(\d)\] \S", listed)} == numbers
+    return numbers
+
+
+def test_ringing_is_marked_where_it_is(bags, report):
+    """The left knee as printed rings by 93 N, 0.13 body weights, but at its peaks by 0.01 and less."""
+    text = text_of(report(bags[1], "--compare=osteoarthritis_as_printed"))
+    assert "rings by up to 93.3 N" in text
+    peaks = text.partition("Peaks")[2].partition("What differs")[0]
+    assert re.findall(r"rings: ± ([\d.]+)", peaks) == ["0.01"]
+    assert "first peak: contact force [BW] 1.59 1.59 (rings: ± 0.01)" in peaks
+    cycles = text.partition("In each gait cycle")[2]
+    largest = np.abs(solved_ringing(bags[1])).max() / BODY_WEIGHT
+    assert f"(rings: ± {2.0 * largest / 0.02:.1f})" in cycles
+
+
+def solved_ringing(bag):
+    """Ringing [N] within the whole cycle."""
+    with pytest.warns(UserWarning, match="rings"):
+        gait = knee_contact_ros.solve(bag, "osteoarthritis_as_printed")
+    (stride,) = gait.strides().itertuples()
+    return [stride.ringing]
+
+
+def test_comparisons_are_drawn_above_the_lines_of_recordings():
+    runs = [SimpleNamespace(beside=beside) for beside in (None, 0, None, 2)]
+    looks = [figures._look(runs, run) for run in runs]
+    assert [look["linestyle"] for look in looks] == ["-", "--", "-", "--"]
+    above = [look.get("zorder", 2.0) for look in looks]  # 2 is that of every line
+    assert above[1] == above[3] > above[0] == above[2]
 
 
 def test_another_load_and_femur(bags, report):
     """Other published ranges, a contact point that moves, and a label that is none of HTML."""
     files = ["--params=healthy.yaml", "--params=mri_femur.yaml"]
+    files += ["-p", "translation.mechanism:=parallel_mechanism"]
     out = report(bags[0], *files, "-p", "load.compartment:=total", "--label", LABEL)
     check_html(page_of(out))
     text = text_of(out)
     assert "total: the whole axial joint reaction" in text
     assert TOTAL[0].text in text
     assert OF_MEDIAL[0].text not in text
+    assert sources_in(text) == {1, 4, 5}
+    assert "of a fixed hinge" not in text
     assert "<b onload" not in page_of(out)
     assert "&lt;b onload=" in page_of(out)
     assert (out / "contact_point.png").exists()
     assert np.ptp(numbers(rows_of(out / "cycles.csv"), "contact_point_x_mm_mean")) > 5.0
-    assert "Grey: peak deformations, 0.31 to 1.01 mm." in text  # 7 to 23 % of 4.4 mm
+    assert "Grey: peak deformations [4], 0.31 to 1.01 mm." in text  # 7 to 23 % of 4.4 mm
 
 
 def test_three_recordings_have_means_deviations_and_paired_differences(bags, recording, report):
