@@ -156,6 +156,50 @@ def test_a_mistake_is_reported(
     assert code == 2 or way in (by_bag, upright)
 
 
+UNUSED = "contact.layer_depth"
+WITHOUT_EFFECT = f"{UNUSED} has no effect under contact.law kelvin_voigt"
+
+
+def by_option(folder, bag):
+    return ["solve", bag, "-p", f"{UNUSED}:=1e-3", "--output=out.mcap"]
+
+
+def by_file(folder, bag):
+    lines = ["/**/knee_contact:", "  ros__parameters:", f"    {UNUSED}: 1.0e-3"]
+    (folder / "knee.yaml").write_text("\n".join(lines))
+    return ["solve", bag, "--params=knee.yaml", "--output=out.mcap"]
+
+
+def by_sweep(folder, bag):
+    pytest.importorskip("pyarrow", reason="needs the extra lab")
+    (folder / "study.yaml").write_text(f"bags: [{bag}]\ngrid:\n  {UNUSED}: [4.0e-4, 1.0e-3]\n")
+    return ["sweep", "study.yaml", "--workers=1", "--output=cases"]
+
+
+@pytest.mark.parametrize("way", [by_option, by_file, by_sweep])
+def test_a_parameter_that_the_law_does_not_use_is_named_once(
+    way, right_bag, tmp_path, monkeypatch, capsys
+):
+    """tests/ros/test_streams.py has the live node."""
+    monkeypatch.chdir(tmp_path)
+    assert main(way(tmp_path, str(right_bag))) == 0
+    assert capsys.readouterr().err.count(WITHOUT_EFFECT) == 1
+
+
+@pytest.mark.parametrize(("mass", "told"), [("150", True), ("72.6", False)])
+def test_the_mass_of_another_person_is_told_of_an_estimated_load(
+    mass, told, right_bag, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    bag = right_bag.with_name("gait2354_right_sensors")
+    command = ["estimate-load", str(bag), "-p", f"person.mass:={mass}", "--output=loads.mcap"]
+    assert main(command) == 0
+    said = capsys.readouterr().err
+    words = "foot of a walking leg bears 0.50 body weights at most, and in walking it is 1.0 to 1.3: is the body's mass"
+    assert said.count(words) == int(told)
+    assert bool(said) == told
+
+
 @pytest.mark.parametrize("way", [by_csv, by_opensim, by_bag, by_insole])
 def test_right_input_has_no_warning(
     way,

@@ -247,6 +247,28 @@ def test_a_run_warns_once_and_its_flight_is_implausible():
         model.run(time, np.degrees(angle), load)
 
 
+HOLE = np.r_[0:900, 1299:1600]
+"""Samples at 200 Hz, of which two seconds in the middle are missing"""
+
+
+@pytest.mark.parametrize(
+    ("rate", "kept", "words"),
+    [
+        (1.0, slice(None), "the samples are 1 s apart, and the load changes by"),
+        (200.0, HOLE, "there is a hole of 2 s between two samples"),
+        (200.0, slice(None), ""),
+    ],
+)
+def test_a_run_warns_of_a_gait_at_1_hz_and_of_a_hole(rate, kept, words):
+    stamps, angle, load = (column[kept] for column in walking(rate, 8.0 * max(1.0, 5.0 / rate)))
+    model = knee_contact_ros.load_model("healthy")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model.run((stamps - stamps[0]) / 1e9, angle, load)
+    assert [words in str(each.message) for each in caught] == ([True] if words else [])
+    assert all(each.filename == __file__ for each in caught)
+
+
 def test_the_landing_of_a_flight_is_implausible_until_it_has_settled():
     model = knee_contact_ros.load_model(compiled=False)
     time = np.arange(0.0, 1.0, 0.002)

@@ -148,6 +148,21 @@ def test_what_makes_no_sense_and_what_is_late_is_told(peer, start_node):
         assert ["WARN" in line for line in said.splitlines() if words in line] == [True], words
 
 
+@pytest.mark.parametrize("in_file", [False, True])
+def test_a_parameter_that_the_law_does_not_use_is_named_once(in_file, peer, start_node, tmp_path):
+    """Also when others are changed later."""
+    unused = "contact.layer_depth"
+    lines = ["/**/knee_contact:", "  ros__parameters:", f"    {unused}: 1.0e-3"]
+    (tmp_path / "knee.yaml").write_text("\n".join(lines))
+    given = ["--params-file", str(tmp_path / "knee.yaml")] if in_file else [f"{unused}:=1.0e-3"]
+    node = start_node(*given)
+    peer.wait_for_node()
+    assert set_parameters(peer, {"contact.damping": 4000.0}) == (True, "")
+    peer.send_series()
+    said = node.stop()
+    assert said.count(f"{unused} has no effect under contact.law kelvin_voigt") == 1, said
+
+
 def test_a_split_that_cannot_be_used_is_told(peer, start_node):
     """By the frontal moment: 43.75 N m between compartments 70 mm apart move 625 N from one to the other."""
     node = start_node("load.compartment:=moment_balance", "diagnostics.load_deviation:=0.1")

@@ -115,6 +115,21 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(results, tmp_pa
     assert not bag.is_symlink()
 
 
+def test_the_body_weight_judges_the_load_and_is_kept(results, tmp_path, capsys):
+    """1800 N are 2.5 body weights of 72.6 kg, and 9 of a child; a mass in kg is found."""
+    bag = tmp_path / "walk"
+    command = [*results, "--side=right", f"--output={bag}"]
+    assert main([*command, "--body-weight=712.0"]) == 0
+    assert origin(bag)["body_weight"] == "712 N"
+    assert main(["solve", str(bag), f"--output={tmp_path / 'out.mcap'}"]) == 0
+    assert "712 N, as walk was imported with" in " ".join(capsys.readouterr().out.split())
+    for weight, said in (("72.6", "is it kg"), ("150", "is 12 body weights")):
+        assert main([*command, "--overwrite", f"--body-weight={weight}"]) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1
+
+
 MISSING = not_installed("opensim", "opensim").partition("; ")[0]
 ONE_SIDE = "--kinematics=q.sto --reactions=jr.sto --side=right --output=walk"
 LATE = "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"
