@@ -243,8 +243,8 @@ MUTANTS = (
     Mutant(
         "publishers that alternate slowly are not found",
         "streams/publisher_conflicts.py",
-        "LONGEST_SWING = 0.05",
-        "LONGEST_SWING = 0.03",
+        "LONGEST_RETURN = 0.05",
+        "LONGEST_RETURN = 0.03",
         "streams/test_publisher_conflicts.py",
     ),
     Mutant(

@@ -29,7 +29,7 @@ MAX_STEPS_BACK = 10_000
 """Largest number of steps back of a topic that are looked at; a topic with more is sorted. It bounds the time"""
 WINDOW = 100_000
 """Number of messages before and after a step back that are compared. It bounds the time"""
-MAX_INT64 = np.iinfo(np.int64).max
+LARGEST_LOG_TIME = np.iinfo(np.int64).max
 
 
 class ChunkSlice(NamedTuple):
@@ -73,7 +73,7 @@ def by_arrival(files: Sequence[BagFile], numbers: Sequence[Mapping[int, int]]) -
     times = [np.empty(0, np.int64)]
     for batch in map(read, parts):
         topics.append(batch.numbers)
-        times.append(np.minimum(batch.times, MAX_INT64).astype(np.int64))
+        times.append(np.minimum(batch.times, LARGEST_LOG_TIME).astype(np.int64))
     begins = np.cumsum([len(each) for each in times])
     is_recording = any(file.is_recording for file in files)
     all_topics = np.concatenate(topics)

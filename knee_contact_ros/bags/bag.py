@@ -72,7 +72,7 @@ ORIGIN = "origin"
 
 DOUBTS = "doubts"
 """Entry of that record with what the importer doubted, a sentence a line"""
-EVENTS = "gait_events"
+GAIT_EVENTS = "gait_events"
 """Entry of that record with heel strikes and toe-offs of the leg: stamp [ns] and kind, one a line"""
 DOUBTED = "the import doubted: "
 """Beginning of such a sentence, where a bag is computed"""
@@ -227,7 +227,7 @@ class Bag:
     def gait_events(self) -> list[GaitEvent]:
         """Heel strikes and toe-offs that an importer read, in order; also in what was computed from its bag."""
         events = []
-        for line in self.origin.get(EVENTS, "").splitlines():
+        for line in self.origin.get(GAIT_EVENTS, "").splitlines():
             stamp, _, kind = line.partition(" ")
             if stamp.isdecimal() and kind in AFTER:
                 events.append(GaitEvent(int(stamp), kind, f"{kind}, as imported"))

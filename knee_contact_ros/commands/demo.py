@@ -219,7 +219,7 @@ def run_demo(
             processes.append(node_process(load_files, work, values=assisted, load=True))
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in processes]
-            play(messages, rate, listener, needed, companion, children)
+            play_gait(messages, rate, listener, needed, companion, children)
         summary = read_summary(
             work / RECORDING.parent, parameters.body_weight, stream.doubts, Ringing(stream.model)
         )
@@ -314,7 +314,7 @@ def tell_in_a_pipe(what: str) -> None:
         say(f"knee-contact demo: {what}", err=True)
 
 
-def play(
+def play_gait(
     messages: Sequence[RawMessage],
     rate: float,
     listener: Listener,

@@ -6,12 +6,11 @@ from typing import Any
 import click
 
 from ..system.errors import IncompleteError, UsageError
-from ..system.files import require
+from ..system.files import DEFAULT_PARAMETERS, require
 from ..system.output_files import check_not_input, check_writable
 from ..system.progress import progress
 from ..system.terminal import say, warn
 from .options import (
-    DEFAULT_PARAMETERS,
     FILE,
     BagNames,
     FiniteRange,

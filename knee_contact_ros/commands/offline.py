@@ -9,13 +9,12 @@ from tempfile import TemporaryDirectory
 import click
 
 from ..system.errors import CommandError, IncompleteError, UsageError, join_faults
-from ..system.files import check_distinct, require
+from ..system.files import DEFAULT_PARAMETERS, check_distinct, require
 from ..system.output_files import check_name_free, check_not_input, write_complete
 from ..system.portable import link_or_copy
 from ..system.progress import progress
 from ..system.terminal import as_json, print_json, say, warn
 from .options import (
-    DEFAULT_PARAMETERS,
     FILE,
     BagNames,
     Output,

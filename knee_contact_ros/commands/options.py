@@ -13,6 +13,7 @@ import click
 
 from ..system import files
 from ..system.errors import UsageError
+from ..system.files import DEFAULT_PARAMETERS
 from ..system.output_files import check_output
 from ..system.terminal import JSON, VERBOSE
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from ..bags.bag import Bag
     from ..bags.names import Names
 
-DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

@@ -173,7 +173,7 @@ def run_replay(
                 err=True,
             )
         time.sleep(timing.delay)
-        play(reader, span, replayer, timing)
+        play_bag(reader, span, replayer, timing)
 
 
 def span_of(reader: TopicReader, timing: Timing) -> tuple[int, int]:
@@ -199,7 +199,9 @@ def span_of(reader: TopicReader, timing: Timing) -> tuple[int, int]:
     return start, min(stop, bag.end)
 
 
-def play(reader: TopicReader, span: tuple[int, int], replayer: Replayer, timing: Timing) -> None:
+def play_bag(
+    reader: TopicReader, span: tuple[int, int], replayer: Replayer, timing: Timing
+) -> None:
     """Play the span once or in a loop; the report on lateness is printed even if a signal ends the replay."""
     start, stop = span
     lateness = Lateness()

@@ -32,15 +32,15 @@ ANSWERS = {
 """Types of answers, by name; a contact is looked for first"""
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """A reliable listener that is slow would hold up the node"""
-PERIOD = 0.5
+REDRAW_PERIOD = 0.5
 """Time [s] between two pictures"""
 RATE_TIME = 1.0
 """Time [s] over which the rate of the answers is measured"""
-SILENCE = 2.0
+MEMORY_TIME = 2.0
 """Time [s] without a message after which what came before no longer counts"""
 SETTLING = 1.0
 """Time [s] after the first node was found in which another one may be"""
-LEVELS = ("ok", "warning", "error", "stale")
+LEVEL_WORDS = ("ok", "warning", "error", "stale")
 """Words for the levels of a `DiagnosticStatus`"""
 WORDS = {
     Status.STALE_INPUT: "too long between stamps",
@@ -181,7 +181,7 @@ class Watcher:
         for status in message.status:
             if before and status.name.startswith(before):
                 values = {value.key: value.value for value in status.values}
-                level = LEVELS[min(status.level[0], len(LEVELS) - 1)]
+                level = LEVEL_WORDS[min(status.level[0], len(LEVEL_WORDS) - 1)]
                 entry = {"level": level, "message": status.message, **values}
                 self.diagnostics[status.name.removeprefix(before)] = entry
                 self._reported = time.monotonic()
@@ -199,7 +199,7 @@ class Watcher:
             rate = None if math.isnan(each.rate) else round(each.rate, 1)
             age = round(time.monotonic() - each.arrived, 3) if each.received else None
             answers[topic] = {"rate": rate, "age": age, **each.numbers()}
-        if time.monotonic() - self._reported > SILENCE:
+        if time.monotonic() - self._reported > MEMORY_TIME:
             self.diagnostics = {}
         why = next(filter(None, map(self._fault, answers.values())), "")
         why = why or self.diagnostics.get("answers", {}).get("because", "")
@@ -215,7 +215,7 @@ class Watcher:
     def _fault(self, numbers: dict[str, Any]) -> str:
         """Why the newest answer of a topic is not usable; empty if it is."""
         silent = "no answer yet" if numbers["age"] is None else ""
-        if not silent and numbers["age"] > SILENCE:
+        if not silent and numbers["age"] > MEMORY_TIME:
             silent = f"no answer for {numbers['age']:.0f} s"
         if silent:
             return (
@@ -356,7 +356,7 @@ def _watch_on(watcher: Watcher, node: Node, wanted: str, as_json: bool, spin: An
             missing = f"waiting: {missing_sentence(node, wanted)}"
             click.echo(json.dumps(report) if as_json else brief_line(report, missing))
             sys.stdout.flush()
-            spin(2 * PERIOD)
+            spin(2 * REDRAW_PERIOD)
     from rich.console import Console
     from rich.live import Live
     from rich.text import Text
@@ -370,7 +370,7 @@ def _watch_on(watcher: Watcher, node: Node, wanted: str, as_json: bool, spin: An
                 lines = lines_of(watcher.report(), missing)
                 picture = Text("\n".join(lines), no_wrap=True, overflow="ellipsis")
                 live.update(picture, refresh=True)
-                spin(PERIOD)
+                spin(REDRAW_PERIOD)
     finally:  # the last picture stays, below what was on the terminal before
         for line in lines:
             say(line)

@@ -27,8 +27,8 @@ from .walking import (
     MEASURED_LOADS,
     NOT_WALKING,
     Movement,
-    Stride,
     StrideLoads,
+    StridePhase,
 )
 
 
@@ -220,7 +220,7 @@ class Estimator:
         self._lag = ActivationLag()
         self._unassisted_lag = ActivationLag()
         """Lag of the forces that the muscles would have without actuators"""
-        self._stride = Stride(loads)
+        self._stride = StridePhase(loads)
         self.configure(level, person, calibrated, deviation)
 
     def configure(self, level: str, person: Person, calibrated: bool, deviation: float) -> None:

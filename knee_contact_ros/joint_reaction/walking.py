@@ -115,7 +115,7 @@ class ExpectedLoad(NamedTuple):
 NOT_WALKING = ExpectedLoad(0.0, 0.0)
 
 
-class Stride:
+class StridePhase:
     """Follows the strides of a leg by its ground force, and gives the load that is expected at each moment."""
 
     def __init__(self, loads: StrideLoads = MEASURED_LOADS) -> None:

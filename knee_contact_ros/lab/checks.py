@@ -30,7 +30,7 @@ from ..model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from ..model.types import MAX_FLEXION, MIN_FLEXION, Floats, Stamps
 from ..streams.topics import NANOSECONDS, NET_LOAD
 from ..system.errors import UsageError
-from .gait_bag import Gait
+from .gait_bag import ImportedGait
 from .tables import Table, TimeSeries
 from .units import (
     BODY_WEIGHTS,
@@ -378,7 +378,7 @@ def peak_doubts(
     return outside(load.where, what, peak / weight, "body weights", limits, cure)
 
 
-def convention_doubts(gait: Gait, weight: float | None) -> list[str]:
+def convention_doubts(gait: ImportedGait, weight: float | None) -> list[str]:
     """Doubt about conventions of the leg's angles and of the ground force; see `LegCheck`."""
     net = "ground_force" not in gait.wrenches
     if weight is None or (net and NET_LOAD not in gait.wrenches):

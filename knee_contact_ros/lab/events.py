@@ -14,7 +14,7 @@ from ..system.files import is_file
 from . import checks
 from .c3d import LegEvent, c3d_events, events_of_leg, read_c3d
 from .cells import parse_number
-from .gait_bag import Gait
+from .gait_bag import ImportedGait
 from .headers import TableFormat, each_line, header_of
 from .units import TYPICAL_BODY_WEIGHT
 
@@ -27,8 +27,8 @@ _NEAR = 150_000_000
 
 
 def with_events(
-    gait: Gait, given: str, anyway: bool, files: Sequence[Path] = (), offset: float = 0.0
-) -> Gait:
+    gait: ImportedGait, given: str, anyway: bool, files: Sequence[Path] = (), offset: float = 0.0
+) -> ImportedGait:
     """Return a gait with the events of its leg: the `given` ones, or those of the C3D files among `files`.
 
     `given` names a table or a C3D file, or is times [s] of heel strike, toe-off, heel strike and so on. `offset` [s] is
@@ -71,7 +71,7 @@ def with_events(
     )
 
 
-def _shown(gait: Gait, name: str) -> list[GaitEvent]:
+def _shown(gait: ImportedGait, name: str) -> list[GaitEvent]:
     """Return the events that the angle and a wrench of a gait show."""
     stamps, wrench = gait.wrenches[name]
     angles = next(iter(gait.joints.values())).at(stamps).values[:, 0]

@@ -1,4 +1,4 @@
-"""A knee's gait in SI units and the package's signs and frames, and its way into a bag: `Signal` → `Gait` → rosbag2.
+"""A knee's gait in SI units and the package's signs and frames, and its way into a bag of rosbag2.
 
 An importer reads signals from files (`tables.py`), checks them (`checks.py`), and writes them by this module.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..bags.bag import DOUBTS, EVENTS, ORIGIN
+from ..bags.bag import DOUBTS, GAIT_EVENTS, ORIGIN
 from ..bags.folder import MCAP, folder_content
 from ..bags.metadata_file import METADATA
 from ..bags.recorder import BagWriter
@@ -106,7 +106,7 @@ class Signal(NamedTuple):
         return f"{len(self.stamps)} rows, {self.stamps[0] / NANOSECONDS:.3f} to {self.stamps[-1] / NANOSECONDS:.3f} s"
 
 
-class Gait(NamedTuple):
+class ImportedGait(NamedTuple):
     """Gait of a knee, with its origin."""
 
     side: str
@@ -175,7 +175,7 @@ def sampled(
     start: float | None = None,
     end: float | None = None,
     beyond: int = 0,
-) -> Gait:
+) -> ImportedGait:
     """Make a gait from the time that all signals cover, between `start` and `end` [s].
 
     With a `rate` [Hz] all signals are interpolated at it, except in gaps longer than `max_gap` [s]. Without a rate
@@ -233,7 +233,7 @@ def sampled(
     for name, (angle, *torques) in joints.items():
         columns = [angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]
         moved[name] = Signal(at, np.hstack(columns))
-    return Gait(side, moved, inside, {}, notes)
+    return ImportedGait(side, moved, inside, {}, notes)
 
 
 def _regular_stamps(window: tuple[int, int], rate: float) -> Stamps:
@@ -264,7 +264,7 @@ def bridged(stamps: Stamps, known: Stamps, longest: float) -> NDArray[np.bool_]:
     return np.asarray(near | np.isin(stamps, known))
 
 
-def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
+def write_bag(gait: ImportedGait, folder: Path, origin: dict[str, str]) -> None:
     """Write a new rosbag2 folder, messages in the order of their stamps; an angle comes before forces of its stamp.
 
     `origin` is the metadata record.
@@ -320,7 +320,7 @@ def _rows(*columns: Any) -> Iterator[tuple[Any, ...]]:
 
 
 def store(
-    bags: Mapping[Path, Gait],
+    bags: Mapping[Path, ImportedGait],
     source: str,
     files: dict[str, Path],
     more: dict[str, str],
@@ -348,7 +348,7 @@ def store(
         if gait.weight:
             origin["body_weight"] = f"{gait.weight:.7g} N"
         if gait.events:
-            origin[EVENTS] = "\n".join(f"{each.stamp} {each.kind}" for each in gait.events)
+            origin[GAIT_EVENTS] = "\n".join(f"{each.stamp} {each.kind}" for each in gait.events)
         if gait.doubts:
             origin[DOUBTS] = "\n".join(gait.doubts)
         write_bag(gait, work / bag.name, origin)
@@ -359,7 +359,7 @@ def store(
         warn(gait.doubts)
 
 
-def _show(gait: Gait, bag: Path) -> None:
+def _show(gait: ImportedGait, bag: Path) -> None:
     """Print the columns with the ranges of their values, what was converted, and where the bag is."""
     ranges = {}
     for name, signal in zip(("angle", "hip", "ankle"), gait.joints.values(), strict=False):

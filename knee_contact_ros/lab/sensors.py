@@ -18,7 +18,7 @@ from . import checks, gait_bag
 from .c3d import c3d_mass
 from .cells import DAY
 from .events import with_events
-from .gait_bag import Gait, Signal
+from .gait_bag import ImportedGait, Signal
 from .headers import Header, header_of
 from .plates import Plates, ground_channels
 from .sensor_map import (
@@ -408,7 +408,7 @@ def _flexion(
     )
 
 
-def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> Gait:
+def _gait_of(channels: dict[str, TimeSeries], sensors: SensorMap) -> ImportedGait:
     """Combine angles, reactions and ground forces over the time that all channels cover.
 
     Raises:

@@ -51,7 +51,7 @@ UNCERTAIN_PREFIXES = ("load.", "femur.", "tibia.", "contact.", "body_weight")
 """Beginnings of the names of the parameters that may be uncertain"""
 MAX_RELATIVE = 1.0
 """Largest relative deviation: beyond it linear propagation does not hold"""
-LEAST_PART = 5e-4
+LEAST_RELATIVE_DEVIATION = 5e-4
 """Smallest deviation as a part of the value, if the number is below 1: it would otherwise be a fraction of the value"""
 MAX_DEVIATION = {"rad": 0.35, "m": 0.01, "": 1.0}
 """Largest deviation of an input by its unit, and of any angle"""
@@ -170,7 +170,11 @@ def _deviation(name: str, size: Any, scale: Any) -> Deviation:
         raise UsageError(
             f"uncertainty: {name}: {size!r} is not allowed; a number > 0{limit} in SI units{percents}{hint}"
         )
-    if not relative and scale is not None and number <= min(1.0, LEAST_PART * abs(scale)):
+    if (
+        not relative
+        and scale is not None
+        and number <= min(1.0, LEAST_RELATIVE_DEVIATION * abs(scale))
+    ):
         raise UsageError(
             f"uncertainty: {name}: {size!r} {unit} is only {100.0 * number / abs(scale):.2g} % of {abs(scale):g}; "
             f"write '{100.0 * number:g} %' for that part of it, or '{100.0 * number / abs(scale):.2g} %' if it is meant"

@@ -45,7 +45,7 @@ from ..streams.topics import (
 )
 from ..system.errors import UsageError
 from ..system.processes import OWN_PROCESS_GROUP, python_module, start_process
-from ..view.anatomy import compartments_of, outlines_of_compartments
+from ..view.anatomy import compartment_names, outlines_of_compartments
 from ..view.output import server_address
 from .diagnostics import Entry, Health
 from .inputs import HandedInputs
@@ -85,7 +85,7 @@ _CHANGEABLE = frozenset(
         "record.path",
     }
 )
-CHANGEABLE = _CHANGEABLE | {
+CHANGEABLE_CONTACT_PARAMETERS = _CHANGEABLE | {
     LATERAL_PREFIX + name for name in _CHANGEABLE if name.startswith(("femur.", "contact."))
 }
 """Parameters that may change while the node is configured: numbers of the model and of its inputs, and the
@@ -232,7 +232,7 @@ class ContactSession(Session):
         self._publish_wrench = self._publishers[KNEE_CONTACT_WRENCH].handle.publish_raw
         self._leg = DrawnLeg()
         models = [compartment.model for compartment in pipeline.compartments]
-        knees = compartments_of(knee_name(self._names[KNEE_CONTACT]), models)
+        knees = compartment_names(knee_name(self._names[KNEE_CONTACT]), models)
         markers = KneeMarkers(outlines_of_compartments(models, knees, parameters.body_weight))
         self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
         self._strides = StrideTopic(
@@ -352,4 +352,4 @@ class ContactSession(Session):
         self.health.counts.count_answer(levels[-1], status, end - begin, latency, deadline)
 
 
-CONTACT_NODE = NodeKind(Parameters, CHANGEABLE, ContactSession)
+CONTACT_NODE = NodeKind(Parameters, CHANGEABLE_CONTACT_PARAMETERS, ContactSession)

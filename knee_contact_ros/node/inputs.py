@@ -23,7 +23,7 @@ from ..parameters.sources import TopicSource
 from ..streams.conversion import ANY, Convert
 from ..streams.frames import (
     MOST_MOVING,
-    TF,
+    TF_MOVING,
     TF_STATIC,
     ForceFrame,
     decode_transforms,
@@ -457,7 +457,7 @@ class StaticTransformTopic:
             TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True
         )
         self._moving = node.create_subscription(
-            TFMessage, TF, self._on_moving, ANY_PUBLISHER, raw=True
+            TFMessage, TF_MOVING, self._on_moving, ANY_PUBLISHER, raw=True
         )
 
     def leave_moving(self) -> None:

@@ -31,7 +31,7 @@ from .inputs import HandedInputs, HandOver
 from .parameters import NodeKind
 from .session import OUTPUT_DEPTH, Session
 
-CHANGEABLE = frozenset(
+CHANGEABLE_LOAD_PARAMETERS = frozenset(
     {
         "person.mass",
         "person.height",
@@ -135,7 +135,7 @@ class LoadSession(Session):
         self.health.counts.count_answer(level, status, end - begin, latency, deadline)
 
 
-LOAD_NODE = NodeKind(LoadParameters, CHANGEABLE, LoadSession)
+LOAD_NODE = NodeKind(LoadParameters, CHANGEABLE_LOAD_PARAMETERS, LoadSession)
 
 
 def load_and_contact() -> tuple[NodeKind, NodeKind]:

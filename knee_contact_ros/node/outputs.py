@@ -47,7 +47,7 @@ LATEST = 0.05
 """Longest time [s] between two checks for reports while an output begins or ends"""
 BATCH = 64
 """Largest number of answers sent at a time, which blocks the interpreter for about 0.1 ms"""
-ANSWER_SIZE, RECORD_SIZE, STATE_SIZE = 450, 150, 500
+ANSWER_SIZE, RECORD_SIZE, RUN_STATE_BYTES = 450, 150, 500
 """Memory [B] that an answer takes, each of its records beyond the message, and the state of the run"""
 StateGetter = Callable[[], RunState | None]
 """Function that returns the state of a run, if it is known"""
@@ -334,7 +334,7 @@ class Ring:
             self._size = 0
         items.append((self._now, item, self._state))
         self._state = self._run_state()
-        self._size += size_of(item) + STATE_SIZE
+        self._size += size_of(item) + RUN_STATE_BYTES
         oldest = self._now - self._duration
         while items and (
             len(items) > self._most
@@ -343,7 +343,7 @@ class Ring:
             or items[0][0] <= oldest
         ):
             forgotten = items.popleft()[1]
-            self._size -= size_of(forgotten) + STATE_SIZE
+            self._size -= size_of(forgotten) + RUN_STATE_BYTES
             if isinstance(forgotten, Note) and forgotten.name == ANSWERS_FLAGGED:
                 self._flags = [forgotten]
 

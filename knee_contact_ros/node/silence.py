@@ -16,7 +16,7 @@ Graph = Mapping[str, Collection[str]]
 """Types by topic, of the topics that other nodes publish"""
 MOST_DEEP = 3
 """Largest depth of a field whose path is named"""
-NOT_MEASURED = ("header", "stamp", "covariance")
+NO_MEASUREMENTS = ("header", "stamp", "covariance")
 """Fields without a measured number"""
 
 
@@ -105,7 +105,7 @@ def numbers_in(store: Typestore, kind: str, before: str = "", depth: int = 0) ->
     """Yield the paths of the numbers in a type; of a list that of its first element."""
     fields: Any = store.fielddefs[kind][1]
     for name, (form, detail) in fields:
-        if name.startswith(NOT_MEASURED) or name.endswith(NOT_MEASURED):
+        if name.startswith(NO_MEASUREMENTS) or name.endswith(NO_MEASUREMENTS):
             continue
         path = before + name
         if form in (Nodetype.ARRAY, Nodetype.SEQUENCE):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from threading import Event, Thread
 
-PERIOD = 1.0
+SIGN_PERIOD = 1.0
 """Time [s] between two signs of life, and between two looks for them"""
 STANDSTILL = 3.0
 """Time [s] without a sign of life from which the node stands still"""
@@ -27,7 +27,7 @@ class Watchdog:
     def note_life(self) -> None:
         """Note that the working thread works, and tell the service manager."""
         now = time.monotonic()
-        if now >= self._last + PERIOD:
+        if now >= self._last + SIGN_PERIOD:
             self._last = now
             notify("WATCHDOG=1")
 
@@ -37,7 +37,7 @@ class Watchdog:
         notify("STOPPING=1")
 
     def _look(self) -> None:
-        while not self._done.wait(PERIOD):
+        while not self._done.wait(SIGN_PERIOD):
             age = time.monotonic() - self._last
             for report in self._reports if age > STANDSTILL else ():
                 report(age)

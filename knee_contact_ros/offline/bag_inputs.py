@@ -18,8 +18,8 @@ from ..parameters.sources import TopicSource
 from ..streams.conversion import converters, store_of
 from ..streams.frames import (
     MOST_MOVING,
-    TF,
     TF_MESSAGE,
+    TF_MOVING,
     TF_STATIC,
     ForceFrame,
     decode_transforms,
@@ -154,7 +154,7 @@ class BagInputs:
             except ValueError as error:
                 problems = [str(error)]
             warn(f"{TF_STATIC} of {self.bag}: {problem}" for problem in problems)
-        for data in transform_messages(self.bag, TF, MOST_MOVING):
+        for data in transform_messages(self.bag, TF_MOVING, MOST_MOVING):
             with suppress(ValueError):
                 frame.note_moving(decode_transforms(data))
 

@@ -27,7 +27,9 @@ PAPER = (
     "219102,0,2.html"
 )
 """The paper of the model, as far as this project knows it"""
-UNKNOWN = "This project knows neither its authors nor its DOI: take them from the journal's page."
+PAPER_UNKNOWN = (
+    "This project knows neither its authors nor its DOI: take them from the journal's page."
+)
 """What it does not know of that paper"""
 NO_ADDRESS = "This project has no public address: name the place that you have it from."
 _LOAD_SOURCES = (
@@ -74,7 +76,7 @@ def _of_answers(bag: Bag, provenance: Provenance) -> dict[str, str]:
     parameters = provenance.parameters
     parts = {
         "software": _software(provenance.package, provenance.model),
-        "model": f"{PAPER}. {UNKNOWN}",
+        "model": f"{PAPER}. {PAPER_UNKNOWN}",
     }
     knees = {"": parameters}
     if has_two_compartments(parameters):

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..bags.bag import DOUBTS, EVENTS, ORIGIN, Bag
+from ..bags.bag import DOUBTS, GAIT_EVENTS, ORIGIN, Bag
 from ..bags.provenance import provenance_record
 from ..bags.recorder import AnswerWriter, BagWriter
 from ..parameters.load_schema import LoadParameters
@@ -88,7 +88,7 @@ def open_bag_output(
         names = {topic: f"/{topic}" for topic in topics}
         record = provenance_record(parameters, curves, bag)
         output = BagOutput(AnswerWriter(writer, record, names, provenance_name))
-        carried = {DOUBTS: "\n".join(bag.doubts), EVENTS: bag.origin.get(EVENTS, "")}
+        carried = {DOUBTS: "\n".join(bag.doubts), GAIT_EVENTS: bag.origin.get(GAIT_EVENTS, "")}
         if origin := {**origin, **{name: text for name, text in carried.items() if text}}:
             output.write_note(ORIGIN, origin)
         yield output

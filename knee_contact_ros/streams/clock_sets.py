@@ -21,7 +21,7 @@ LEAST_CHANGE = NANOSECONDS // 200
 """Smallest change [ns] that counts, beyond the scatter of the leads before it"""
 FAMILIAR_TIME = NANOSECONDS * 9 // 10
 """Time [ns] without a change before a doubtful sample, after which the leads are believed"""
-KEPT = 1000
+KEPT_LEADS = 1000
 """Largest number of leads that are kept"""
 
 
@@ -30,7 +30,7 @@ class ClockSets:
 
     def __init__(self, max_gap: int, on_change: Callable[[], object]) -> None:
         """Begin without leads; changes up to `max_gap` [ns] count. `on_change` is called when `apart` has changed."""
-        self.leads: deque[int] = deque(maxlen=KEPT)
+        self.leads: deque[int] = deque(maxlen=KEPT_LEADS)
         """Stamps of loads minus those of angles [ns], as they came in turns"""
         self.apart = 0
         """Change of the lead [ns], if a clock was set"""

@@ -150,7 +150,7 @@ def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
         other = coder.decode_message(messages[index])
         if other is None or shape_of(other[0]) != shape:
             return None
-    rows, data = filled(first[1], kind, len(messages))
+    rows, data = repeated_template(first[1], kind, len(messages))
     parts = matrix.reshape(-1).view(kind)
     for name in kind.names or ():
         rows[name] = parts[name]
@@ -159,7 +159,9 @@ def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
     return Block(shape, stamps, rows, data)
 
 
-def filled(template: bytes, kind: np.dtype[Any], number: int) -> tuple[NDArray[Any], Bytes]:
+def repeated_template(
+    template: bytes, kind: np.dtype[Any], number: int
+) -> tuple[NDArray[Any], Bytes]:
     """Copies of a message as rows of a NumPy type, shape (number,), and as bytes, shape (number, length).
 
     Both share their memory.
@@ -192,7 +194,7 @@ def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
     times = np.dtype(
         {"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length}
     )
-    messages, data = filled(before + bytes(length - len(before)), times, len(stamps))
+    messages, data = repeated_template(before + bytes(length - len(before)), times, len(stamps))
     messages["s"], messages["ns"] = np.divmod(stamps, NANOSECONDS)
     data[:, len(before) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
     return data

@@ -22,7 +22,7 @@ from .messages import (
 )
 from .topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
 
-TF, TF_STATIC = "/tf", "/tf_static"
+TF_MOVING, TF_STATIC = "/tf", "/tf_static"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
@@ -305,7 +305,7 @@ class ForceFrame:
         if pose is None:
             text = f"{self._topic} is in frame {_short(frame)}, and no static transform leads to {self.wanted!r}"
             if self._with_moving.between(frame.removeprefix("/"), self.wanted) is not None:
-                text += f"; the way there on {TF} moves, and only {TF_STATIC} is used"
+                text += f"; the way there on {TF_MOVING} moves, and only {TF_STATIC} is used"
             raise RefusedSampleError("frame_unknown", text)
         turned = turned_wrench(wrench, pose, self.wanted)
         return turned, encode_wrench_stamped(turned)

@@ -37,13 +37,13 @@ from ..model.types import Floats, Stamps
 
 SECOND = 1_000_000_000
 """Number of nanoseconds in a second"""
-PERIOD = 5_000_000
+GRID_PERIOD = 5_000_000
 """Period of the grid [ns]; its points are the multiples"""
 
 
 def points(time: float) -> int:
     """Number of grid points in a time [s]."""
-    return round(time * SECOND / PERIOD)
+    return round(time * SECOND / GRID_PERIOD)
 
 
 SMOOTHING = 0.02
@@ -56,23 +56,23 @@ TURN, TURN_AT_END = math.radians(3.0), math.radians(0.5)
 """Angle [rad] by which the knee must turn back after an extremum; at the end of a run"""
 FALL, FALL_TIME = math.radians(5.0), points(0.1)
 """Smallest extension of the knee [rad] before heel strike, within this number of points"""
-FLAT = points(0.1)
+FLAT_POINTS = points(0.1)
 """Number of points near the extension peak from which it tells no time; in shipped gaits it has 4 to 6"""
 LANDING_TIME = points(0.6)
 """Number of points after an extension to a flat end in which the foot lands and its load is searched"""
 LANDED = points(0.02)
-"""Number of points from heel strike until the load passes `UNLOADED`: 10, 20 and 25 ms in the shipped gaits"""
+"""Number of points from heel strike until the load passes `SWING_LOAD`: 10, 20 and 25 ms in the shipped gaits"""
 SWING = math.radians(20.0)
 """Smallest flexion around toe-off [rad]"""
 LEAVING = points(0.06)
-"""Number of points from where the load passes `UNLOADED` until toe-off: -30 to 115 ms in measured gaits"""
-LEFT = points(0.2)
+"""Number of points from where the load passes `SWING_LOAD` until toe-off: -30 to 115 ms in measured gaits"""
+LONGEST_LEAVING = points(0.2)
 """Number of points from there from which a largest flexion rate is not that of toe-off: at most 90 ms in those gaits"""
 RATE_OVER = points(0.02)
 """Number of points on either side for computing the flexion rate"""
 LONGEST_TURN = points(1.0)
 """Largest number of points of a flexion around toe-off, and from an extremum until the knee has turned back"""
-UNLOADED, LEAST_LOAD = 0.45, 0.5
+SWING_LOAD, LEAST_LOAD = 0.45, 0.5
 """Fraction of the stance's load below which the leg swings; smallest load of a stance [BW]"""
 LOADING_TIME = points(0.4)
 """Number of points of stance in which its load is searched"""
@@ -92,7 +92,7 @@ GAP = 500_000_000
 """Largest time [ns] between two samples; after a longer gap everything starts again"""
 PAUSE = 50_000_000
 """Shortest time [ns] between two looks at a stream"""
-KEPT = 3 * SECOND + GAP
+KEPT_TIME = 3 * SECOND + GAP
 """Time [ns] that samples are kept: an event is certain a second after it, and depends on the 1.5 s before it"""
 
 
@@ -187,7 +187,7 @@ class GaitEvents:
         known = [event for event in self._known if begin <= event.stamp <= end]
         self._looked, self._open = last, window.end - LONGEST_TURN - 1
         self._told = {key for key in (*self._told, *new) if key[1] >= self._open}
-        old = np.searchsorted(self._stamps, self._looked - KEPT)
+        old = np.searchsorted(self._stamps, self._looked - KEPT_TIME)
         self._stamps, self._samples = self._stamps[old:], self._samples[old:]
         return sorted([*new.values(), *known])
 
@@ -208,8 +208,8 @@ class Window:
             body_weight,
             ended,
         )
-        self._origin = -(-int(stamps[0]) // PERIOD)
-        grid = PERIOD * np.arange(self._origin, int(stamps[-1]) // PERIOD + 1)
+        self._origin = -(-int(stamps[0]) // GRID_PERIOD)
+        grid = GRID_PERIOD * np.arange(self._origin, int(stamps[-1]) // GRID_PERIOD + 1)
         signals = [np.interp(grid - stamps[0], stamps - stamps[0], column) for column in samples.T]
         smooth = np.zeros((2, len(grid)))
         if len(grid):
@@ -259,10 +259,10 @@ class Window:
         if peak is None:
             return None
         stamp = min(
-            PERIOD * (self._origin + peak) + round(PERIOD * offset) + AFTER[kind],
+            GRID_PERIOD * (self._origin + peak) + round(GRID_PERIOD * offset) + AFTER[kind],
             int(self._stamps[-1]),
         )
-        angle = self._angle[min(round(stamp / PERIOD) - self._origin, len(self._angle) - 1)]
+        angle = self._angle[min(round(stamp / GRID_PERIOD) - self._origin, len(self._angle) - 1)]
         return GaitEvent(stamp, kind, f"{kind} at {np.degrees(angle):.0f}° of flexion")
 
     def _extension(self, before: Floats, after: Floats, at: int) -> tuple[int | None, float]:
@@ -270,7 +270,7 @@ class Window:
         near = [
             len(until_higher(-side, TURN_AT_END + self._angle[at])) for side in (before, after)
         ]
-        if sum(near) >= FLAT:
+        if sum(near) >= FLAT_POINTS:
             return self._loaded_extension(before, at), 0.0
         fall = -self._angle[at] - before[:FALL_TIME].min(initial=-self._angle[at])
         stance = self._load[at : at + LOADING_TIME + 1]
@@ -287,7 +287,7 @@ class Window:
             return None  # the first of equal ones counts
         begin = at - 1 - int(bent[0])
         stance = self._load[begin : begin + LANDING_TIME]
-        loaded = np.flatnonzero(stance > UNLOADED * stance.max())
+        loaded = np.flatnonzero(stance > SWING_LOAD * stance.max())
         is_known = self._ended or len(stance) == LANDING_TIME
         if not is_known or not len(loaded) or loaded[0] == 0:
             return None
@@ -302,7 +302,7 @@ class Window:
         begin = at - 1 - int(before.argmin())
         quickest = begin + int(self._rates[begin : at + 1].argmax())
         unloaded = self._unloaded_flexion(begin, at)
-        if bend < SWING or (unloaded is not None and unloaded < quickest - LEFT):
+        if bend < SWING or (unloaded is not None and unloaded < quickest - LONGEST_LEAVING):
             return unloaded, 0.0
         stance = self._load[max(quickest - LOADING_TIME, 0) : quickest + 1]
         if quickest <= RATE_OVER or not self._swings(
@@ -315,7 +315,7 @@ class Window:
         """Where the largest flexion rate before a toe-off would be by the load, in or before a flexion to a point."""
         first = max(at - LANDING_TIME, 0)
         load = self._load[first : at + 1]
-        loaded = np.flatnonzero(load > UNLOADED * load.max())
+        loaded = np.flatnonzero(load > SWING_LOAD * load.max())
         if not len(loaded) or loaded[-1] == at - first:
             return None
         left = first + int(loaded[-1]) + 1
@@ -334,7 +334,7 @@ class Window:
         )  # at the beginning one point must do
         swing = self._load[first : last + 1]
         return bool(
-            len(swing) and stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max()
+            len(swing) and stance.max() >= LEAST_LOAD and swing.max() <= SWING_LOAD * stance.max()
         )
 
     def _load_peak(self, at: int) -> GaitEvent | None:
@@ -345,7 +345,7 @@ class Window:
             or self._load[at] - around.min() < PEAK_PROMINENCE
         ):
             return None
-        stamp = PERIOD * (self._origin + at)
+        stamp = GRID_PERIOD * (self._origin + at)
         begin, end = np.searchsorted(self._stamps, (stamp - NEARBY, stamp + NEARBY + 1))
         largest = int(begin + self._samples[begin:end, 1].argmax())
         load = float(self._samples[largest, 1])

@@ -9,7 +9,7 @@ from ..model.types import NANOSECOND, Floats, Stamps
 
 UNCONFIRMED_FACTOR = 4.0
 """Multiple of the allowed difference unless there are known to be several publishers, as one sensor may be noisy"""
-LONGEST_SWING = 0.05
+LONGEST_RETURN = 0.05
 """Longest time [s] in which a quantity of a knee cannot change and change back"""
 LARGEST_REST = 0.5
 """Largest fraction of a change that remains after the way back"""
@@ -80,7 +80,7 @@ class PublisherConflict:
         durations = np.abs(stamps[2:] - stamps[:-2]) * NANOSECOND
         sizes = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:]))
         rests = np.abs(steps[:-1] + steps[1:])
-        is_back = (rests < LARGEST_REST * sizes) & (durations < LONGEST_SWING)
+        is_back = (rests < LARGEST_REST * sizes) & (durations < LONGEST_RETURN)
         swings = sizes[is_back & (sizes > self._difference)]
         self._checked += len(durations)
         self._swings = np.concatenate([self._swings, swings])[-CHECKED_SAMPLES:]

@@ -23,6 +23,8 @@ from ..streams.topics import LATERAL, MEDIAL, compartment_name
 
 DRAWN_THICKNESS = 2.2e-3
 """Thickness [m] of each cartilage where the law gives none: half the default of `contact.foundation_thickness`"""
+MAGNIFICATION = 10.0
+"""Factor by which the depth of a drawn overlap is magnified along the normal"""
 SURFACE_POINTS = 121
 """Number of points along a drawn surface"""
 JOIN_POINTS = 24
@@ -179,7 +181,7 @@ def outlines_of_compartments(
     ]
 
 
-def compartments_of(knee: str, models: Sequence[KneeModel]) -> list[str]:
+def compartment_names(knee: str, models: Sequence[KneeModel]) -> list[str]:
     """Return the names of a knee's compartments: medial and lateral, or the knee's own."""
     return [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
 

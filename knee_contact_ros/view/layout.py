@@ -16,6 +16,7 @@ from ..model.types import MM, Floats
 from ..streams.topics import LATERAL
 from . import colours
 from .anatomy import (
+    MAGNIFICATION,
     NEWTONS_PER_MM,
     SURFACE_POINTS,
     KneeOutlines,
@@ -52,8 +53,6 @@ LEG = "leg"
 CONTACT_PATH_ENTITY = "contact_path"
 SCALE_BAR = 10.0
 """Length of the scale bar [mm]"""
-MAGNIFICATION = 10.0
-"""Factor by which the depth of the drawn overlap is magnified along the normal"""
 _FRAMED_ANGLES = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])
 """Flexion angles [rad] at which the whole knee must be visible"""
 _MARGIN = 0.04

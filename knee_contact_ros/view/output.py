@@ -33,7 +33,7 @@ from ..system.processes import (
     running,
     start_process,
 )
-from .anatomy import KneeOutlines, compartments_of, outlines_of_compartments
+from .anatomy import KneeOutlines, compartment_names, outlines_of_compartments
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -92,9 +92,9 @@ def sink_for(knee: RecordedKnee) -> Sink | None:
             f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {name}, must be one of them"
         )
     path = Path(rerun.path) if rerun.mode == "file" else None
-    own = compartments_of(name, models)
+    own = compartment_names(name, models)
     if len(models) > 1:  # each is a knee of its own to a viewer
-        knees = tuple(part for one in knees or (name,) for part in compartments_of(one, models))
+        knees = tuple(part for one in knees or (name,) for part in compartment_names(one, models))
     drawings = outlines_of_compartments(models, own, knee.parameters.body_weight)
     arguments = path, drawings, rerun.port, rerun.mode == "spawn", knees
     kind = "Rerun recording" if path else f"Rerun scene on port {rerun.port}"

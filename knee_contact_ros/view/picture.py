@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.knee import KneeModel
 from ..model.types import MM, Floats
-from .anatomy import Picture, picture_of
+from .anatomy import MAGNIFICATION, Picture, picture_of
 
 BONE_FILL = "#F0E8D6"
 CARTILAGE_FILL = "#A9D0EC"
@@ -23,7 +23,7 @@ CARTILAGE_OVERLAP = "#1F6FB2"
 BONE_OVERLAP = "#C2357F"
 """Colour of an overlap beyond the first layer"""
 FORCE_ARROW = "#C8481A"
-DEPTH_WORD = "#1B1F24"
+DEPTH_COLOUR = "#1B1F24"
 """Colour of the depth"""
 QUIET = "#5B6570"
 """Colour of names, directions and scale"""
@@ -31,8 +31,6 @@ MM_PER_WEIGHT = 6.0
 """Length [mm] of the force's arrow per body weight"""
 SLENDER = 0.85
 """Smallest ratio of width to height of the space for a knee"""
-MAGNIFICATION = 10.0
-"""Factor by which the depth of the overlap is magnified along the normal, as in the viewer"""
 NAME_INSIDE = {"femur": 11.0, "tibia": 4.0}
 """Distances [mm] of the bones' names from the ends of their shafts"""
 CURVES_STYLE: dict[str, Any] = {
@@ -130,7 +128,7 @@ def draw_knee(
     axis.text(
         *below,
         words,
-        color=DEPTH_WORD,
+        color=DEPTH_COLOUR,
         va="top",
         **style | {"fontsize": 7.5, "fontweight": "normal"},
     )

@@ -17,6 +17,7 @@ from ..model.types import MM, Floats, Rows
 from ..streams.topics import SHANK, THIGH
 from . import colours, layout
 from .anatomy import (
+    MAGNIFICATION,
     NEWTONS_PER_MM,
     OVERLAP_POINTS,
     KneeOutlines,
@@ -25,7 +26,7 @@ from .anatomy import (
     to_tibia_frame,
 )
 from .colours import Colour
-from .layout import MAGNIFICATION, SCALE_BAR
+from .layout import SCALE_BAR
 
 _ON_SCREEN = np.array([MM, -MM])
 """Factors from m in the tibia frame to mm on the screen"""

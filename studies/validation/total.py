@@ -15,7 +15,7 @@ from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, AxialDeviation, Estimator
 from knee_contact_ros.joint_reaction.leg import GRAVITY, NOT_MEASURED, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
-from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS, Stride, StrideLoads
+from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS, StrideLoads, StridePhase
 from knee_contact_ros.parameters.load_schema import PersonSection
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
 from studies.validation.data import SECOND, SENSOR_LEVELS, WALKING, Flags, Floats, Walk, of
@@ -155,7 +155,7 @@ def mean_loads(walks: Sequence[Walk]) -> StrideLoads:
 
 def curve(walk: Walk, loads: StrideLoads) -> Floats:
     """Force [N] of a mean curve over the strides of a walk, shape (n,); NaN where the leg does not walk."""
-    stride = Stride(loads)
+    stride = StridePhase(loads)
     rows = zip(stamps_of(walk), (walk.vertical / walk.person.body_weight).tolist(), strict=True)
     found = [stride.expect_load(*row) for row in rows]
     return np.array(

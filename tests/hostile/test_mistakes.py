@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.gait_bag import Gait, Signal, write_bag
+from knee_contact_ros.lab.gait_bag import ImportedGait, Signal, write_bag
 from tests.lab.opensim.storages import write_model, write_storage
 from tests.lab.trials import write_csv
 from tests.model.test_inputs import Columns, gait
@@ -48,7 +48,7 @@ def by_bag(folder, time, angle, load, axis=1):
     wrench[:, axis] = -load
     angles = Signal(stamps, angle[:, None]).with_rate()
     write_bag(
-        Gait("right", {"knee": angles}, {"load": Signal(stamps, wrench)}, {}, []),
+        ImportedGait("right", {"knee": angles}, {"load": Signal(stamps, wrench)}, {}, []),
         folder / "own",
         {},
     )

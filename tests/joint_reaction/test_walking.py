@@ -9,8 +9,8 @@ from knee_contact_ros.joint_reaction.leg import NOT_MEASURED, Ground, Joints
 from knee_contact_ros.joint_reaction.walking import (
     MEASURED_LOADS,
     NOT_WALKING,
-    Stride,
     StrideLoads,
+    StridePhase,
 )
 from tests.joint_reaction.examples import EPOCH, MS, PERSON, STANDING_STILL
 
@@ -34,7 +34,7 @@ def steps(*phases):
 
 
 def test_a_stride_by_hand():
-    found = follow(Stride(RAMP), steps((0.0, 5), (0.6, 71), (0.0, 42), (0.6, 50)))
+    found = follow(StridePhase(RAMP), steps((0.0, 5), (0.6, 71), (0.0, 42), (0.6, 50)))
     assert found[4] == NOT_WALKING
     assert found[5] == (0.0, 0.0)
     assert found[10] == pytest.approx(
@@ -55,7 +55,7 @@ def test_a_stride_by_hand():
 
 
 def test_the_pace_is_that_of_the_last_stance():
-    found = follow(Stride(RAMP), steps((0.0, 5), (0.6, 100), (0.0, 45), (0.6, 60)))
+    found = follow(StridePhase(RAMP), steps((0.0, 5), (0.6, 100), (0.0, 45), (0.6, 60)))
     assert found[-1].load == pytest.approx(20.0 * 0.59 / 1.0, abs=ROUNDING)
 
 
@@ -70,11 +70,11 @@ def test_the_pace_is_that_of_the_last_stance():
     ],
 )
 def test_what_is_no_walk_is_not_expected(forces):
-    assert follow(Stride(), forces)[-1] == NOT_WALKING
+    assert follow(StridePhase(), forces)[-1] == NOT_WALKING
 
 
 def test_a_recording_may_begin_with_a_heel_strike_and_a_pause_begins_anew():
-    stride = Stride(RAMP)
+    stride = StridePhase(RAMP)
     assert follow(stride, steps((0.1, 1), (0.8, 30)))[-1].certainty == 1.0
     assert follow(stride, [0.8], since=2000 * MS) == [NOT_WALKING]
     assert stride.expect_load(EPOCH, 0.8) == NOT_WALKING

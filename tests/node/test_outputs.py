@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, FileLimits, RecorderSettings
-from knee_contact_ros.node.outputs import STATE_SIZE, Outputs, Ring, sink_of, size_of
+from knee_contact_ros.node.outputs import RUN_STATE_BYTES, Outputs, Ring, sink_of, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import OPEN, STARTING, RecordedKnee
@@ -71,7 +71,7 @@ def test_a_snapshot_is_no_larger_than_the_queue(started, tmp_path):
     for item in items:
         sink.put_item(item)
     assert close(sink)
-    assert len(items) == 1_000_000 // (size_of(answer(0)) + STATE_SIZE)
+    assert len(items) == 1_000_000 // (size_of(answer(0)) + RUN_STATE_BYTES)
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))
 
 

@@ -8,7 +8,7 @@ from tests.helpers.patience import patience, wait_until
 
 def test_a_standstill_is_told(monkeypatch, tmp_path):
     """To the service manager also the start, work and the end."""
-    monkeypatch.setattr(watchdog, "PERIOD", 0.0)
+    monkeypatch.setattr(watchdog, "SIGN_PERIOD", 0.0)
     monkeypatch.setattr(watchdog, "STANDSTILL", 0.01)
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
     ages = []

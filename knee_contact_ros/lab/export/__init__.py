@@ -89,7 +89,7 @@ def export(parameters: Parameters, name: str, output: Path, target: str) -> list
             f"export needs Numba: pip install 'knee_contact_ros[compile]' ({error})"
         ) from None
     contents: dict[str, bytes] = {
-        "knee_contact.h": header().encode(),
+        "knee_contact.h": header_text().encode(),
         "knee_contact.o": kernel,
         "README.md": page(list(knees), target).encode(),
     }
@@ -122,13 +122,13 @@ def models(parameters: Parameters, name: str) -> dict[str, KneeModel]:
     }
 
 
-def filled(template: str, **values: object) -> str:
+def fill_template(template: str, **values: object) -> str:
     """Return a file of this folder with its values."""
     text = files(__package__).joinpath(f"{template}.in").read_text("utf-8")
     return Template(text).substitute(version=__version__, answer_bytes=ROW.itemsize, **values)
 
 
-def header() -> str:
+def header_text() -> str:
     """Return the C interface; an answer has the layout of a row."""
     lines = []
     for name in FLAT.names or ():
@@ -136,7 +136,7 @@ def header() -> str:
         lines.append(f"{declared:<46}/* [{FIELDS[name].unit or '1'}] */")
     status = {"OK": 0, **{str(one.name): int(one) for one in Status if one}}
     status["UNUSABLE"] = int(UNUSABLE)
-    return filled(
+    return fill_template(
         "knee_contact.h",
         fields="\n".join(lines),
         status=_enumeration(status),
@@ -252,7 +252,7 @@ def test(model: KneeModel, name: str) -> str:
     ]
     fields = (FLAT.fields or {}).items()
     offsets = [f"AT({one}, {place}, {kind.itemsize});" for one, (kind, place, *_) in fields]
-    return filled(
+    return fill_template(
         "test.c",
         name=name,
         count=TICKS,
@@ -277,7 +277,7 @@ def page(names: Sequence[str], target: str) -> str:
         for name in names
     ]
     sources = f"{names[0]}_test.c {names[0]}.c knee_contact.o"
-    return filled(
+    return fill_template(
         "README.md",
         target=target,
         name=names[0],

@@ -17,7 +17,7 @@ from ...system.progress import progress
 from ...system.terminal import say
 from .. import checks, gait_bag
 from ..events import with_events
-from ..gait_bag import Gait, digest
+from ..gait_bag import ImportedGait, digest
 from ..tables import Table, TimeSeries, read_storage
 from . import leg as legs
 from . import results, run
@@ -190,7 +190,7 @@ def _bags_by_side(
     return bags
 
 
-def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> Gait:
+def read_knee(side: str, files: Files, settings: ImportSettings, work: Path) -> ImportedGait:
     """Read a knee's gait, and with ground reactions its leg's sensors; for these OpenSim runs in the folder `work`.
 
     Raises:

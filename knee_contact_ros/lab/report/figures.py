@@ -18,6 +18,7 @@ from ...parameters.schema import Parameters, has_two_compartments
 from ...streams.gait_events import HEEL_STRIKE, TOE_OFF
 from ...streams.topics import NANOSECONDS, is_lateral
 from ...view import picture
+from ...view.anatomy import MAGNIFICATION
 from ..uncertainty import DEFAULT_LEVEL, Propagated
 from .gathered import (
     CYCLE_CURVES,
@@ -312,7 +313,7 @@ def knee_figures(runs: Sequence[ReportRun], kind: str) -> list[Figure]:
     figures: list[Figure] = []
     caption = (
         "Side view; the arrow is the contact force on the femur. Dark is where the surfaces would overlap if "
-        f"neither gave way, its depth drawn × {picture.MAGNIFICATION:g}. The surfaces that touch are the model's; "
+        f"neither gave way, its depth drawn × {MAGNIFICATION:g}. The surfaces that touch are the model's; "
         "the shafts are drawn around them, and so is cartilage whose thickness the contact law does not know."
     )
     for number, group in enumerate(with_comparisons(runs), start=1):
