@@ -19,12 +19,12 @@ COLUMNS = (
     "flagged",
     "known",
     "covered",
-    "OK and wrong",
+    "wrong without a flag",
     "in runs",
     "not finite",
     "forces known",
     "forces covered",
-    "forces OK and wrong",
+    "forces wrong without a flag",
     "estimate over error",
     "evaluations per tick",
     "falsely flagged",
@@ -61,7 +61,7 @@ class Row(NamedTuple):
     """Median of the estimate over the error, where that is above rounding; NaN if there is no such tick"""
     evaluations: int
     off: float
-    """Largest error [m] that is OK and wrong"""
+    """Largest error [m] that is wrong without a flag"""
     falsely: int
     """Flagged ticks that are known to be right"""
 

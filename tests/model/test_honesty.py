@@ -32,7 +32,7 @@ def answered(scene, level, tolerance, budget=0, force_tolerance=0.0):
 
 
 def covered(found):
-    """The part of the known depths whose estimate holds, where nothing is OK and wrong."""
+    """The part of the known depths whose estimate holds, where nothing is wrong without a flag."""
     assert not found.depth.wrong.any()
     assert not found.claimed.any()
     return float(found.depth.covered[found.depth.known].mean())

@@ -1,4 +1,4 @@
-"""Ticks that may not take what they need, and knees that change live: nothing is OK and wrong."""
+"""Ticks that may not take what they need, and knees that change live: nothing is wrong without a flag."""
 
 import math
 from dataclasses import replace

@@ -36,7 +36,7 @@ _HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3
 _DOTS_PER_INCH = 200
 _LEGEND_LETTERS = 50
 """Number of letters of a legend line"""
-_TITLE_LETTERS = 30
+_TITLE_LETTERS = 32
 """Number of letters of a line above a knee"""
 _WIDTH = 4.4
 """Width of a figure [in]: small, so that text stays readable on a phone"""
