@@ -167,9 +167,9 @@ class Timeline(Generic[S]):
             is_late = -self._max_gap <= step <= 0 and not (
                 held_back and 0 < stamp - held_back[-1].stamp <= self._max_gap
             )
-        if held_back and not is_late and stamp <= held_back[-1].stamp:
+        if held_back and not is_late:
             is_late = self._is_late_among_held_back(stamp)
-            if not is_late:  # the stream does not continue with those held back
+            if not (is_late or self._follows_held_back(stamp)):
                 self._reject_held_back(len(held_back))
         if not self.is_doubtful:
             self._doubt()
@@ -261,8 +261,17 @@ class Timeline(Generic[S]):
         begin = first - self.step_limit
         if len(self.held_back) > JUMP_SAMPLES and self.last is not None and self.last < first:
             begin = self.last
-        is_within = stamp >= max(begin, newest - self._max_gap)
+        is_within = max(begin, newest - self._max_gap) <= stamp < newest
         return stamp == newest or (len(self.held_back) > 1 and is_within)
+
+    def _follows_held_back(self, stamp: int) -> bool:
+        """Whether a sample may continue the stream with those held back, and is not nearer to the last accepted one.
+
+        The step from that is too long if samples were lost.
+        """
+        step = stamp - self.held_back[-1].stamp
+        is_near = self.last is not None and 0 < stamp - self.last <= self._max_gap
+        return step > 0 and not (is_near and step > self._max_gap)
 
     def _acceptable(self, other: Timeline[Any]) -> int:
         """Number of the oldest samples held back with which the stream continues."""

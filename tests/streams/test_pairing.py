@@ -55,6 +55,16 @@ BELIEVED: list[tuple[str, Sequence[int], Sequence[int], list[Any], dict[str, int
     ("three ahead, and the next are far too", TEN, (), [170, 180, 190, 130, 140], ALONE),
     ("far behind", TEN, (), [-60, [100, 100]], BEHIND),
     ("very far behind", TEN, (), [-4910, [100, 100]], BEHIND),
+    *(
+        (
+            f"{len(wrong)} very far behind, then some are lost",
+            TEN,
+            (),
+            [*wrong, 130, 140, 150, 160, [170, 130, 140, 150, 160, 170]],
+            {"angle_off_time": len(wrong)},
+        )
+        for wrong in ([-9900], [-9900, -9890])
+    ),
     ("a little late", TEN, (), [90, 85, -10], LATE),
     ("a pause, the other one has gone on", TEN, range(0, 600, 10), [[590, 590]], {}),
     *(
