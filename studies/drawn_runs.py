@@ -41,6 +41,8 @@ BEGIN = 10**12
 """First stamp [ns]"""
 NOT_RECORDED = np.uint8(Status.INPUT_REJECTED)
 """Bits that `solve` of a recording does not repeat: no refused sample is in it"""
+FLAGS = np.uint8(Status.STALE_INPUT | Status.TIME_RESET | Status.SEVERAL_PUBLISHERS)
+"""Bits that come from stamps, clocks and publishers"""
 LONGEST_RUN = 4.0
 """Duration [s] of a run"""
 
@@ -135,8 +137,27 @@ class DrawnRun:
         self._take(self._pipeline.flush_expired(math.inf))
 
 
+def flags_differ(live: Any, again: Any) -> bool:
+    """Whether flags of stamps, clocks and publishers differ, also after a held angle, or an answer is missing.
+
+    Offline a force before all angles has none, where the node held one; the run then begins with the next.
+    """
+    begun, number = 0, 0
+    for row in live[:-1]:
+        status, is_held = row["status"], bool(row["status"] & Status.INPUT_HELD)
+        if number < len(again) and again["stamp"][number] == row["stamp"]:
+            if not is_held and (status | begun) & FLAGS != again["status"][number] & FLAGS:
+                return True
+            begun, number = 0, number + 1
+        elif is_held:
+            begun |= status & Status.TIME_RESET
+        else:
+            return True
+    return False
+
+
 def differences(dice: random.Random, folder: Path) -> str:
-    """Names of what `solve` of the recording of a drawn run answers otherwise, up to the first held angle."""
+    """Names of what `solve` of a drawn run's recording answers otherwise; after the first held angle, only flags."""
     run = DrawnRun(dice, folder / "r.mcap")
     with Bag(folder / "r.mcap") as bag:
         recording = read_provenance(bag)
@@ -151,5 +172,6 @@ def differences(dice: random.Random, folder: Path) -> str:
         for name in MESSAGE_FIELDS
         if not np.array_equal(live[name][:most], again[name][:most])
     ]
-    # What is held back when a run ends is decided by what came before, which a recording holds in another order.
-    return " ".join(different) or ("" if len(again) >= min(run.held, len(live) - 1) else "length")
+    if not different and flags_differ(live, again):
+        return "flags"
+    return " ".join(different)

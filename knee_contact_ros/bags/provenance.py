@@ -250,7 +250,7 @@ def _state_in(bag: Path, record: Mapping[str, str]) -> RunState | None:
     if STATE not in record or record.get("model_sha256") != model_digest():
         return None
     try:
-        stamp, angles, numbers, *waiting = json.loads(record[STATE])
+        stamp, angles, numbers, *_ = json.loads(record[STATE])
         return RunState(
             None if stamp is None else int(stamp),
             [
@@ -258,7 +258,6 @@ def _state_in(bag: Path, record: Mapping[str, str]) -> RunState | None:
                 for at, angle, height, delay in angles
             ],
             [list(map(float, each)) for each in numbers],
-            *map(int, waiting),
         )
     except (TypeError, ValueError, RecursionError):
         raise UsageError(f"{bag}: its record {PROVENANCE} has a damaged {STATE}") from None

@@ -24,7 +24,7 @@ from ..model.ringing import Ringing
 from ..parameters.files import all_values, load_parameters
 from ..parameters.schema import Parameters, has_two_compartments
 from ..streams.contact_pipeline import ContactAnswer, ContactPipeline
-from ..streams.output import PROVENANCE
+from ..streams.output import PROVENANCE, WAITING
 from ..streams.topics import recorded_topics
 from ..streams.watch import held_sentence, unanswered_sentence
 from ..system.errors import UsageError
@@ -200,13 +200,30 @@ class SolveRun:
         self._takers = takers
         self._thread = thread
         self._changes = deque(sorted(changes, key=attrgetter("tick")))
+        self._waiting = {  # number of angles that waited at resets, by the number of forces before
+            one.tick: one.waiting
+            for one in changes
+            if isinstance(one, Change) and one.values is None
+        }
+        self._forces = self._angles = 0  # read so far, and after the last force
         self._leg = DrawnLeg()
         self._writing: Future[None] | None = None
+        pipeline.synchroniser.on_unanswered = self._make_changes
 
     def solve_batch(self, batch: Batch) -> None:
         """Compute the ticks of a batch of angles (number 0) and forces (number 1), at once if possible."""
         if self.pipeline.is_lost or self._changes or not self._solve_at_once(batch):
-            self.take_answers(self.pipeline.push_messages(batch))
+            self.take_answers(self._answers(batch))
+
+    def _answers(self, batch: Batch) -> Iterator[ContactAnswer]:
+        """Yield the answers to a batch; where the node was reset, all that had come by then are answered first."""
+        for message in batch:
+            if self._waiting.get(self._forces) == self._angles:
+                yield from self.pipeline.finish_streams()
+            is_force = bool(message[0])
+            self._forces += is_force
+            self._angles = 0 if is_force else self._angles + 1
+            yield from self.pipeline.push_messages((message,))
 
     def take_answers(self, answers: Iterator[ContactAnswer]) -> None:
         """Record answers and pass them on as a block; make the changes that are due between them."""
@@ -248,17 +265,21 @@ class SolveRun:
     def _make_changes(self) -> None:
         """Make the changes whose tick has come, and record them.
 
+        The node had an answer to every recorded force, also where offline no angle is before it.
+
         Raises:
             UsageError: this version of the package does not allow the changed parameters.
         """
-        while self._changes and self.pipeline.ticks >= self._changes[0].tick:
+        unanswered = self.pipeline.synchroniser.refused["no_angle_before"]
+        while self._changes and self.pipeline.ticks + unanswered >= self._changes[0].tick:
             change = self._changes.popleft()
             if isinstance(change, Flags):
                 self.pipeline.synchroniser.flag_from_now("recorded", change.status)
                 continue
             tick, values, waiting = change
             if values is None:
-                self._recorder.write_note(*self.pipeline.repeat_reset(waiting))
+                note = self.pipeline.reset()
+                self._recorder.write_note(note.name, note.values | {WAITING: str(waiting)})
                 continue
             try:
                 changed = load_parameters(all_values(self.pipeline.parameters) | values)

@@ -271,12 +271,10 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         waiting = self.synchroniser.unpaired_angles
         end = waiting[0].stamp if waiting else math.inf
         used = takewhile(lambda one: one.stamp < end, self.synchroniser.angles)
-        last = self.synchroniser.last_pair
         return RunState(
-            last,
+            self.synchroniser.last_pair,
             [one[:2] + one[3:5] for one in used],
             [compartment.stream.state() for compartment in self.compartments],
-            0 if last is not None else self.synchroniser.unpaired,
         )
 
     def resume_recording(self, ticks_before: int, state: RunState | None = None) -> None:
@@ -289,14 +287,14 @@ class ContactPipeline(Pipeline[ContactAnswer]):
             ValueError: the state is not one of this pipeline.
         """
         self.frame.is_known = True
-        self.synchroniser.ignore_clock_sets()
+        self.synchroniser.expect_recording()
         self.is_lost = ticks_before > 0 and state is None
         if state is None or ticks_before == 0:
             return
         angles = [AngleSample(stamp, angle, b"", *more) for stamp, angle, *more in state.angles]
         self.synchroniser.resume(angles, (), (), state.stamp)
         if state.stamp is None:  # the node was reset after its last tick
-            self.repeat_reset(state.waiting)
+            self.reset()
             return
         for compartment, numbers in zip(self.compartments, state.numbers, strict=True):
             compartment.stream.resume(state.stamp, numbers)

@@ -51,8 +51,6 @@ class RunState(NamedTuple):
     """Angles that the last tick has used, and the next one may: stamp, angle, height and delay of an `AngleSample`"""
     numbers: Sequence[Any]
     """`Stream.state` of each compartment, whose method `tolist` gives the numbers"""
-    waiting: int = 0
-    """Number of angles that had come before a reset and belong to later answers"""
 
 
 class RecordedKnee(NamedTuple):

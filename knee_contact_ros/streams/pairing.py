@@ -90,6 +90,8 @@ class Synchroniser:
         """Bits of `Status` of every later pair; see `flag_from_now`"""
         self.on_flags: Callable[[], object] = lambda: None
         """Function that is called when `lasting` has changed"""
+        self.on_unanswered: Callable[[], object] = lambda: None
+        """Function that is called when a load has no answer, as no angle was before it"""
         self._lasting: dict[str, int] = {}
         self.clocks_differ = False
         """Whether the stamps of both streams differ by more than `pairing.max_gap`, although both come in turns"""
@@ -171,9 +173,9 @@ class Synchroniser:
         self.clock_sets.clear()
         self.newest_angle = None
 
-    def ignore_clock_sets(self) -> None:
-        """Judge no leads, as the samples do not come as they arrived."""
-        self.angle_time.on_settled = self.load_time.on_settled = lambda _: None
+    def expect_recording(self) -> None:
+        """Accept all samples, as a node has accepted those of its recording, which judged the clocks, too."""
+        self.angle_time.is_recorded = self.load_time.is_recorded = True
 
     def clear_angles(self) -> None:
         """Stop using earlier angles; to be called after `clear_streams` if the streams are interrupted."""
@@ -242,7 +244,7 @@ class Synchroniser:
         If streams come in turns for a second and differ all that time, their clocks differ or one has a latency. With
         bursts this does not happen, as their last samples are at the other stream's time.
         """
-        if of_load == self.load_came_last:
+        if of_load == self.load_came_last or self.load_time.is_recorded:
             return
         self.load_came_last = of_load
         last = self.angle_time.last if of_load else self.load_time.last
@@ -319,6 +321,7 @@ class Synchroniser:
             angle, status = found
             if angle is None:
                 self.refused.count_refused("no_angle_before")
+                self.on_unanswered()
                 continue
             self._has_paired = True
             if self.last_pair is not None:

@@ -200,12 +200,6 @@ class Pipeline(ABC, Generic[AnswerT]):
         self.synchroniser.restart()
         return Note(RESET, {TICK: str(self.ticks), WAITING: str(self.synchroniser.unpaired)})
 
-    def repeat_reset(self, waiting: int) -> Note:
-        """Reset as the node of a recording did while this number of angles waited, which the next messages are."""
-        note = self.reset()
-        self.synchroniser.angle_time.known = waiting
-        return note._replace(values=note.values | {WAITING: str(waiting)})
-
     @property
     def flags_note(self) -> Note:
         """Note of the bits that every later answer has, so that `solve` repeats them."""

@@ -117,8 +117,8 @@ class Timeline(Generic[S]):
         self._hole = 0, 0  # the last step that was too long, and the usual one before it [ns]
         self._usual_steps: deque[int] = deque(maxlen=STEPS)  # [ns] before the last holes
         self._clock_is_set = False  # where the stream goes on
-        self.known = 0
-        """Number of the next samples that were accepted before the stream was cleared"""
+        self.is_recorded = False
+        """Whether all samples are those that a node has accepted, in its recording"""
         self.is_doubtful = False
         """Whether the newest sample did not continue the stream, or samples are held back"""
         self.on_doubt: Callable[[], object] = lambda: None
@@ -147,8 +147,8 @@ class Timeline(Generic[S]):
 
         If the stream has jumped back, the stamp of the first one is not later than the previous `last`.
         """
-        if self.known > 0:
-            self.known -= 1
+        if self.is_recorded:
+            self._accept(sample.stamp)
             return [sample]
         stamp = sample.stamp
         last = self.last
@@ -202,14 +202,7 @@ class Timeline(Generic[S]):
         if accepted and self.last is not None:
             self._settle(accepted[0].stamp - self.last)
         for sample in accepted:
-            if self.last is not None:
-                if not 0 < sample.stamp - self.last <= self._max_gap:
-                    self.jumps += 1
-                    self.last_jump = sample.stamp - self.last
-                if sample.stamp <= self.last:  # steps longer than `max_gap` came from jumps
-                    steps = [step for step in self.steps if step <= self._max_gap]
-                    self.resume(self.last, steps)
-            self._advance_to(sample.stamp)
+            self._accept(sample.stamp)
         return accepted
 
     def resume(self, last: int | None, steps: Iterable[int]) -> None:
@@ -223,6 +216,16 @@ class Timeline(Generic[S]):
         self._reject_held_back(len(self.held_back))
         self.resume(None, ())
         self.is_doubtful = False
+
+    def _accept(self, stamp: int) -> None:
+        """Let a stamp [ns] be the last one, which may be a jump."""
+        if self.last is not None:
+            if not 0 < stamp - self.last <= self._max_gap:
+                self.jumps += 1
+                self.last_jump = stamp - self.last
+            if stamp <= self.last:  # steps longer than `max_gap` came from jumps
+                self.resume(self.last, [step for step in self.steps if step <= self._max_gap])
+        self._advance_to(stamp)
 
     def _accept_between(
         self, last: int, stamp: int, continues: bool, other: Timeline[Any]

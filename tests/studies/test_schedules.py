@@ -34,14 +34,10 @@ PUT_BACK = {
         "    return stride._replace(usable=not flagged)\n"
         "strides.stride_of = inner",
     ),
-    "solve does not forget the stamps at a reset": (
+    "solve judges the samples of a recording again": (
         13,
-        "def repeated(pipeline, waiting):\n"
-        "    pipeline.frame.forget_frame()\n"
-        "    pipeline.synchroniser.restart()\n"
-        "    return Note('reset', {'tick': str(pipeline.ticks), 'waiting': str(waiting)})\n"
-        "from knee_contact_ros.streams.output import Note\n"
-        "contact_pipeline.ContactPipeline.repeat_reset = repeated",
+        "from knee_contact_ros.streams import pairing\n"
+        "pairing.Synchroniser.expect_recording = lambda _: None",
     ),
 }
 """Faults by name: number of a schedule that is just before one that finds it, and what puts it back"""
