@@ -10,7 +10,7 @@ import json
 import signal
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -245,20 +245,21 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         raise UsageError(
             f"{arguments[0]}: the node takes ROS arguments only, after {ROS_ARGUMENTS}"
         )
-    with TemporaryDirectory(prefix="knee_contact_subject_") as folder:
-        return _run_nodes([*_for_ros(arguments, Path(folder))], kinds)
+    with ExitStack() as folders:
+        return _run_nodes([*_for_ros(arguments, folders)], kinds)
 
 
-def _for_ros(arguments: Sequence[str], folder: Path) -> Iterator[str]:
-    """Yield ROS arguments with the places of parameter files; subject files are written as such into a folder."""
-    for number, (flag, word) in enumerate(pairwise(["", *arguments])):
+def _for_ros(arguments: Sequence[str], folders: ExitStack) -> Iterator[str]:
+    """Yield ROS arguments with the places of parameter files; subject files are written as such into `folders`."""
+    for flag, word in pairwise(["", *arguments]):
         if flag != "--params-file":
             yield word
             continue
         path = parameter_file(word)  # ROS knows no short names
         if path.is_file() and is_subject(read_sections(path)):
             nodes = {name: {PARAMETERS_KEY: values} for name, values in sections_in(path).items()}
-            path = folder / f"{number}.yaml"
+            folder = folders.enter_context(TemporaryDirectory(prefix="knee_contact_subject_"))
+            path = Path(folder, "subject.yaml")
             path.write_text(json.dumps(nodes))  # JSON is YAML
         yield str(path)
 
