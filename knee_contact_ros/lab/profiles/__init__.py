@@ -219,7 +219,7 @@ def _curvature(found: ProfileFit) -> str:
     low = float(shape.curvature.min())
     largest = f"{MM / low:.1f}" if low > 0.0 else "infinite"
     radii = f"radius {MM / float(shape.curvature.max()):.1f} to {largest} mm"
-    return f"convex everywhere; {radii}; normals from {begin:.0f}° to {end:.0f}°"
+    return f"convex everywhere; {radii}; normals from {begin:.0f}° to {end:.0f}° (0° down, posterior positive)"
 
 
 def _side(found: ProfileFit) -> str:
