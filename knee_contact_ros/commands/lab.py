@@ -339,6 +339,10 @@ def calibrate(
     person.tone. It has the sensors that estimate-load reads, and the measured /joint_reaction_force. With several bags
     of a person, each one is also left out in turn, to show how much the fit helps.
 
+    A BAG of a walk (better five strides), with or without a stand, needs no /joint_reaction_force for knee.offset and
+    pairing.angle_delay, and with them person.mass: they are found by how other people walk. What is within what people
+    differ by is kept as given.
+
     It prints each value with its profile-likelihood interval and says which parameters trade off. It writes a parameter
     file; give it to --params after the other files. Intervals need the extra calibrate.
     """

@@ -34,12 +34,15 @@ from ...system.output_files import (
 )
 from ...system.progress import progress
 from ...system.terminal import as_json, print_json, safe_cell, say, show_table, warn
-from . import contact_problem, load_problem
+from . import contact_problem, load_problem, walk
 from .fit import LINEAR, LOSSES, Data, Fit, FitProblem, find_fit
 from .intervals import Interval, doubts, find_intervals
 from .unknowns import Free, Unknown, unknowns_of
 
-MEASURED_UNITS = contact_problem.ANSWER_UNITS | {load_problem.AXIAL_FORCE: "N"}
+MEASURED_UNITS = contact_problem.ANSWER_UNITS | {
+    load_problem.AXIAL_FORCE: "N",
+    walk.FLEXION: "rad",
+}
 """Units of all columns that can be measured"""
 MAX_INTERVAL_ROUNDS = 3
 """Largest number of times that intervals are computed: again whenever a better fit is found meanwhile"""
@@ -83,9 +86,11 @@ class Calibration:
     rms: dict[str, float]
     """RMS of the residuals of each measured column, in its unit"""
     residuals: dict[str, Floats]
-    """Answers of the model minus measurements, by column, shape (n,); NaN where nothing was measured"""
+    """Answers of the model minus measurements, by column, shape (n,); NaN where nothing was measured; none for a walk
+    without a joint reaction"""
     predicted: Results | dict[str, Floats]
-    """Answers of the model with the fitted values, shape (n,); for a bag `time` [s] and `axial_force` [N] by name"""
+    """Answers of the model with the fitted values, shape (n,); for a bag `time` [s] and `axial_force` [N] by name; none
+    for a walk without a joint reaction"""
     warnings: tuple[str, ...]
     """Doubts about the fit or its intervals, a sentence each"""
     loss: str
@@ -140,7 +145,8 @@ def calibrate(
             `penetration_depth` [m], `contact_force` [N], `gap` [m] and, with drive force, `femoral_height` [m]. An
             empty cell or NaN means not measured. Or a bag (an .mcap file, a .db3 file or a rosbag2 folder)
             with `/joint_states`, `/ground_reaction_force` and the measured `/joint_reaction_force`; or a list of bags
-            of one person; each is also left out in turn.
+            of one person; each is also left out in turn. For `knee.offset`, `pairing.angle_delay`, and with one of
+            them `person.mass`, a bag of a walk needs no joint reaction: it is compared with how other people walk.
         params: The knee, as for `load_model`; for a bag, parameters of the load node. The fit starts from their values.
             None: the healthy knee; for a bag, the defaults.
         free: Names of real parameters of `femur`, `tibia`, `contact`, or `load.share`; for a bag, those of `person`; or
@@ -181,6 +187,10 @@ def calibrate(
         if not allowed:
             raise UsageError(f"{name}: {value!r} is not allowed; {words}")
     remaps = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
+    bags = bags_in(table)
+    given = [free] if isinstance(free, str) else free
+    if bags and {walk.ZERO, walk.CLOCK} & {str(each).partition("=")[0] for each in given}:
+        return _of_walk(bags, params, free, values or {}, remaps, namespace, level)
     problem = _problem(table, params, free, values or {}, remaps, namespace, compiled)
     _check_data(problem, sigma or {})
     if with_intervals:
@@ -270,6 +280,43 @@ def bags_in(data: Any) -> list[Path]:
             f"{other}: it is not a bag; several bags can be given, but only one table"
         )
     return bags
+
+
+def _of_walk(
+    bags: Sequence[Path],
+    params: Any,
+    free: Free,
+    values: Mapping[str, Any],
+    remaps: Sequence[str],
+    namespace: str,
+    level: float,
+) -> Calibration:
+    """Find what the sensors of a walk tell without a measured load."""
+    given = params or ()
+    sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
+    with Bag(bags[0]) as first:
+        parameters = parameters_for(first, sources, namespace, LoadParameters)
+    source = f"a walk without a measured load, which {walk.ZERO} and {walk.CLOCK} are found in"
+    unknowns = unknowns_of(free, walk.FOUND, parameters, source)
+    names = names_in_bag(remaps, namespace, LOAD_INPUTS)
+    with progress("Reading") as advance:
+        found = walk.find_in_walk(bags, parameters, unknowns, names, level, advance)
+    return Calibration(
+        unknowns,
+        found.measured,
+        found.values,
+        found.intervals,
+        level,
+        np.eye(len(unknowns)),
+        found.rms,
+        frozenset(),
+        found.rms,
+        {},
+        {},
+        tuple(found.doubts),
+        LINEAR,
+        tuple(found.remarks),
+    )
 
 
 def _problem(
@@ -373,7 +420,7 @@ def fitted_parameter_file(
     comments = [
         f"Written by knee-contact calibrate {__version__}, loss {found.loss}; all other parameters: {files}{others}.",
         f"Data: {', '.join(path.name for path in data)}, sha256 {found.measured.digest}.",
-        f"RMS of the residuals: {', '.join(rms)}.",
+        *([f"RMS of the residuals: {', '.join(rms)}."] if rms else []),
         *(f"{line[0].upper()}{line[1:]}." for line in (*found.remarks, *intervals_known)),
         *(f"Warning: {warning}." for warning in found.warnings),
     ]
