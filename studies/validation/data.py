@@ -7,6 +7,7 @@ Two kinds of files are found by their names and first lines: the tables of the f
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -108,6 +109,8 @@ class Walk(NamedTuple):
     """Joint angles, length n"""
     nets: dict[str, list[NetMoments]]
     """Net moments as each level knows them, length n each"""
+    grounds: list[Ground]
+    """What the ground does to the foot, length n; in tables only upwards"""
     used: Flags
     """Samples that are judged and fitted to, shape (n,)"""
     sensors: Path | None = None
@@ -186,7 +189,7 @@ def _stride(path: Path) -> Walk | None:
         return None
     person = Person(header[1], float(header[2]) * GRAVITY, float(header[3]))
     table = np.genfromtxt(path, delimiter=",", names=True, skip_header=1)
-    time, leg, seen = table["time_s"], leg_of(person.mass, person.height), MotionFilter(WINDOW)
+    time = table["time_s"]
     joints = [
         Joints(*row)
         for row in zip(
@@ -196,17 +199,9 @@ def _stride(path: Path) -> Walk | None:
             strict=True,
         )
     ]
-    motions = [
-        seen.add_angles(round(stamp * SECOND), each)
-        for stamp, each in zip(time.tolist(), joints, strict=True)
-    ]
     rows = zip(*(table[name].tolist() for name in STRIDE_COLUMNS), strict=True)
     grounds = [Ground((x, y, z), tuple(torque)) for x, y, z, *torque in rows]
-    nets = {
-        name: [level.dynamics(leg, *each) for each in zip(joints, motions, grounds, strict=True)]
-        for name, level in LOAD_LEVELS.items()
-        if name in SENSOR_LEVELS
-    }
+    nets = nets_of(person, time, joints, grounds, SENSOR_LEVELS)
     nets[NET_LOAD] = nets["knee_moment"]
     unknown = np.full(len(time), np.nan)
     return Walk(
@@ -221,8 +216,31 @@ def _stride(path: Path) -> Walk | None:
         unknown,
         joints,
         nets,
+        grounds,
         np.isfinite(table["implant_N"]),
     )
+
+
+def nets_of(
+    person: Person,
+    time: Floats,
+    joints: Sequence[Joints],
+    grounds: Sequence[Ground],
+    levels: Sequence[str],
+) -> dict[str, list[NetMoments]]:
+    """Net moments by level as the load node computes them from angles and ground force at times [s]."""
+    leg, seen = leg_of(person.mass, person.height), MotionFilter(WINDOW)
+    motions = [
+        seen.add_angles(round(stamp * SECOND), each)
+        for stamp, each in zip(time.tolist(), joints, strict=True)
+    ]
+    return {
+        name: [
+            LOAD_LEVELS[name].dynamics(leg, *each)
+            for each in zip(joints, motions, grounds, strict=True)
+        ]
+        for name in levels
+    }
 
 
 def _walk(person: Person, session: str, path: Path) -> Walk:
@@ -263,11 +281,6 @@ def _walk(person: Person, session: str, path: Path) -> Walk:
         )
         frontal = np.interp(time, table.stamps / SECOND, -table.column(column))
     joints = [Joints(angle, NOT_MEASURED, NOT_MEASURED) for angle in flexion.tolist()]
-    seen = MotionFilter(WINDOW)
-    motions = [
-        seen.add_angles(round(stamp * SECOND), each)
-        for stamp, each in zip(time.tolist(), joints, strict=True)
-    ]
     leg = leg_of(person.mass, person.height)
     without_muscles = np.maximum(vertical, 0.0) - leg.weight_below
     columns = zip(
@@ -276,10 +289,7 @@ def _walk(person: Person, session: str, path: Path) -> Walk:
     moments = [NetMoments(knee, ankle, force, NOT_MEASURED) for knee, ankle, force in columns]
     grounds = [Ground((0.0, force, 0.0), (NOT_MEASURED,) * 3) for force in vertical.tolist()]
     nets = {
-        "ground_force": [
-            LOAD_LEVELS["ground_force"].dynamics(leg, *each)
-            for each in zip(joints, motions, grounds, strict=True)
-        ],
+        **nets_of(person, time, joints, grounds, ["ground_force"]),
         "knee_moment": [net._replace(plantarflexion=NOT_MEASURED) for net in moments],
         "ankle_moment": moments,
     }
@@ -303,6 +313,7 @@ def _walk(person: Person, session: str, path: Path) -> Walk:
         external,
         joints,
         nets,
+        grounds,
         used,
         bag if bag.is_file() else None,
     )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 
 from benchmarks.report import Section, words
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS, AxialDeviation
+from knee_contact_ros.lab.calibrate.walk import CLOCK, DEVIATIONS, MASS, ZERO
 from studies.validation.change import right
 from studies.validation.data import SENSOR_LEVELS, WALKING, Walk, level_walks, with_medial
+from studies.validation.minutes import FAULTS, told, worth
 from studies.validation.movements import scores
 from studies.validation.split import CALLED, missed, other_person, other_trial, shipped
 from studies.validation.total import (
@@ -87,7 +90,18 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
             )
     late = clocks(walks)
     together = fitted(on_time(walks, late), SENSOR_LEVELS, DEFAULT.moment_arm_scale)
+    on_clock = {walk.name: walk for walk in on_time(walks, late)}
+
+    def timed(level: str, how: str) -> float:
+        """Error [BW] against implants on the sensors' clock."""
+        set_right = [
+            one._replace(walk=on_clock[one.walk.name]) for one in chosen(found, level, how)
+        ]
+        return person_mean(errors_of(set_right))
+
     text = WORDS["total"].format(
+        timed=span([timed(each, OTHERS) for each in LOAD_LEVELS]),
+        curve=span([timed("", CURVE)]),
         values=", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True)),
         late=", ".join(f"{key} {1000.0 * delay:+.0f} ms" for key, delay in late.items()),
         sensed=", ".join(f"{error:.2f}" for error in sensor_errors(found)),
@@ -173,6 +187,26 @@ def both(values: dict[str, float]) -> list[str]:
     return [*(f"{value:.2f}" for value in values.values()), f"{fmean(values.values()):.2f}"]
 
 
+def minutes_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
+    """Section on what a walk tells without an implant."""
+    errors = worth(walks, on_time(walks, clocks(walks)), found)
+    rows = [
+        [fault.name, *(f"{with_it:.2f}, {after:.2f}" for with_it, after in errors[fault].values())]
+        for fault in FAULTS
+    ]
+    header = ("fault", *(f"`{level}`" for level in SENSOR_LEVELS))
+    sessions = told(walks).values()
+    text = WORDS["minutes"].format(
+        zero=max(abs(math.degrees(each.offset)) for each in sessions),
+        clock=max(abs(1000.0 * each.delay) for each in sessions),
+        weight=max(abs(PERCENT * (each.weight - 1.0)) for each in sessions),
+        zero_deviation=math.degrees(DEVIATIONS[ZERO]),
+        clock_deviation=1000.0 * DEVIATIONS[CLOCK],
+        weight_deviation=PERCENT * DEVIATIONS[MASS],
+    )
+    return Section("Calibration in minutes", text, header, rows)
+
+
 def split_section(walks: Sequence[Walk]) -> Section:
     """Section on the medial part."""
     other, own = missed(walks, other_person), missed(walks, other_trial)
@@ -240,6 +274,7 @@ def sections(walks: Sequence[Walk], found: Sequence[Estimate]) -> list[Section]:
         Section("", WORDS["introduction"].format(**told), (), ()),
         total_section(found, level),
         difference_section(found),
+        minutes_section([each for each in found if each.walk.movement == WALKING], level),
         split_section(medial),
         deviation_section(found),
         change_section(medial),
@@ -248,5 +283,5 @@ def sections(walks: Sequence[Walk], found: Sequence[Estimate]) -> list[Section]:
         Section("Other studies", WORDS["others"], (), ()),
     ]
     if measured:
-        parts.insert(3, Section("Measured movements beside plain walking [BW]", measured, (), ()))
+        parts.insert(4, Section("Measured movements beside plain walking [BW]", measured, (), ()))
     return parts

@@ -13,9 +13,11 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 from benchmarks.report import save
 from knee_contact_ros.joint_reaction.estimator import LOAD_LEVELS
 from knee_contact_ros.joint_reaction.walking import MEASURED_LOADS
+from knee_contact_ros.lab.calibrate.walk import CLOCK, DEVIATIONS, MASS, MEAN_FLEXION, ZERO
 from knee_contact_ros.parameters.load_schema import PersonSection
 from studies.validation.__main__ import main
 from studies.validation.data import SENSOR_LEVELS, missed, near, runs, walks, with_medial
+from studies.validation.minutes import mean_flexion, told
 from studies.validation.movements import CYCLES, scores
 from studies.validation.sections import COMMAND, TITLE, chosen, line_errors, sections
 from studies.validation.split import CALLED, other_person, shipped
@@ -87,6 +89,19 @@ def test_the_defaults_are_those_of_all_persons(measured):
     assert [getattr(PersonSection(), name) for name in FREE] == pytest.approx(together, abs=0.01)
     for shipped_load, load in zip(MEASURED_LOADS, mean_loads(timed), strict=True):
         assert shipped_load == pytest.approx(load, abs=0.005)  # it has two decimals
+
+
+def test_the_mean_flexion_and_what_people_differ_by_are_those_of_all_persons(measured):
+    for shipped_flexion, flexion in zip(MEAN_FLEXION, mean_flexion(measured), strict=True):
+        assert shipped_flexion == pytest.approx(flexion, abs=0.0006)  # it has three decimals
+    sessions = told(measured).values()
+    for name, differences in (
+        (ZERO, [each.offset for each in sessions]),
+        (CLOCK, [each.delay for each in sessions]),
+        (MASS, [each.weight - 1.0 for each in sessions]),
+    ):
+        found = np.sqrt(np.mean(np.square(differences)))
+        assert 0.6 * DEVIATIONS[name] < found <= DEVIATIONS[name]  # a fifth walk widens one
 
 
 def test_the_shipped_share_is_the_one_form_that_holds_for_the_other_person(
