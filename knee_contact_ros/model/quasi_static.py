@@ -23,6 +23,7 @@ from .error_estimate import (
     SPREAD_FACTOR,
     TINY,
     Error,
+    eigenvalues,
     force_bound,
     height_bound,
     limited,
@@ -33,7 +34,7 @@ from .error_estimate import (
     with_curvature,
 )
 from .laws import BEGIN, force_at, law_force, layer_at
-from .statics import static_contact
+from .statics import MAX_ANSWER_EVALUATIONS, static_contact
 from .steps import NEWTON_TOLERANCE_SHARE
 
 UNKNOWN_MOTION = 0.05
@@ -46,6 +47,11 @@ would notice: 0.3 % fewer of the ticks are flagged without it."""
 SOFT_LAYER_PHASE = 2.0 * math.pi
 """Phase [rad] of a swing in the layer above, in which the static contact's deviation becomes smaller by a factor e.
 Tuned; `studies.honesty changes` (seed 6001, plan 1382) would notice."""
+
+LONGEST_TURN = 0.1
+"""Turn [rad] in which the rate of a smooth surface changes evenly: gait at 100 Hz turns less in a tick"""
+MEMORY = 3.0
+"""Decay times of the contact after which it has forgotten how the surface moved"""
 
 
 class Linear(NamedTuple):
@@ -65,14 +71,47 @@ def quasi_static(
 ) -> Result:
     """Return the static contact at the end of an interval, with the error of the motion that it leaves out.
 
-    `stiffness` and `damping` are the slopes at the beginning. The contact holds only while the load presses the
-    surfaces together and the femur can follow: elsewhere the tick is not `converged`.
+    `stiffness` and `damping` are the slopes at the beginning. A turn over several points of a measured surface is cut
+    into parts: the rate of the surface changes from point to point, and so does the motion that is left out.
+    """
+    turn = abs(tick.angle_rate) * tick.duration
+    parts = int(0.5 + min(turn, math.tau) / min(knee.surfaces.knot_spacing, LONGEST_TURN))
+    if parts < 3:  # gait at 100 Hz
+        return static_end(knee, tick, start, stiffness, damping)
+    h, s, used, known, femur = tick.duration / parts, 0.0, 0, True, start
+    for _ in range(parts - 1):
+        result = static_end(knee, part_of(tick, s, h), femur, stiffness, damping)
+        used += result.evaluations
+        if not result.converged or used + 2 * MAX_ANSWER_EVALUATIONS > knee.budget:
+            known = False  # what the femur does until the end of the tick
+            break
+        s += h
+        femur, stiffness, damping = result.femur, result.stage.stiffness, result.stage.damping
+    last = static_end(knee, part_of(tick, s, tick.duration - s), femur, stiffness, damping)
+    end, stage, force, estimate, force_estimate, evaluations, converged = last
+    used += evaluations
+    return Result(end, stage, force, estimate, force_estimate, used, known and converged)
+
+
+@in_kernel
+def part_of(tick: Interval, s: float, h: float) -> Interval:
+    """Return the part of an interval that begins at s [s] and lasts `h` [s]."""
+    angle = tick.angle + tick.angle_rate * s
+    return Interval(h, angle, tick.angle_rate, load_at(tick, s), tick.load_rate, tick.rounding)
+
+
+@in_kernel
+def static_end(
+    knee: KneeConstants, tick: Interval, start: FemurState, stiffness: float, damping: float
+) -> Result:
+    """Return the static contact at the end of an interval in which the rate of the surface changes evenly.
+
+    It holds only while the load presses the surfaces together and the femur can follow: else it is not `converged`.
     """
     h, mass, load = tick.duration, knee.mass, load_at(tick, tick.duration)
     end_angle = tick.angle + tick.angle_rate * h
     depth, surface_rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
     sinking = tick.load_rate / stiffness if stiffness > 0.0 else 0.0
-    begin_velocity = surface_rate / cosine - sinking
     near = max(0.0, depth + cosine * sinking * h)
     resolution = NEWTON_TOLERANCE_SHARE * knee.tolerance
     height, end_depth, force, k, c, end_cosine, used = static_contact(
@@ -85,11 +124,25 @@ def quasi_static(
     _, end_surface_rate, _ = touch(knee.surfaces, end_angle, tick.angle_rate, height)
     square = end_cosine * end_cosine
     k, c = square * k, square * c
-    end_sinking = tick.load_rate / k if k > 0.0 else 0.0
+    # A curved tibia tilts under the femur, and its force changes under a constant load.
+    tilt = load * (1.0 / end_cosine - 1.0 / cosine) / h
+    sinking += cosine * tilt / stiffness if stiffness > 0.0 else 0.0
+    end_sinking = (tick.load_rate + end_cosine * tilt) / k if k > 0.0 else 0.0
+    begin_velocity = surface_rate / cosine - sinking
     velocity = end_surface_rate / end_cosine - end_sinking
-    inertia = mass * (velocity - begin_velocity) / h
+    inertia, uneven = mass * (velocity - begin_velocity) / h, 0.0
+    decay, _ = eigenvalues(k, c, mass)
+    at = h - min(max(MEMORY / max(decay, TINY), 1e-3 * h), 0.5 * h)
+    if at > 0.5 * h or abs(tick.angle_rate) * h > knee.surfaces.knot_spacing:
+        # The rate of the surface may change in one part of the tick, and not in the other.
+        angle = tick.angle + tick.angle_rate * at
+        _, rate, n_y = touch(knee.surfaces, angle, tick.angle_rate, 0.5 * (start.height + height))
+        begin_rate, end_rate = surface_rate / cosine, end_surface_rate / end_cosine
+        mean, rate = (end_rate - begin_rate) / h, rate / n_y
+        early, late = (rate - begin_rate) / at - mean, (end_rate - rate) / (h - at) - mean
+        uneven = mass * max(abs(early), abs(late))
     least_load = min(tick.load, load)
-    pressed = least_load > 0.0 and least_load + inertia > 0.0 and min(stiffness, k) > 0.0
+    pressed = least_load > 0.0 and least_load + inertia > uneven and min(stiffness, k) > 0.0
     error, relaxation = limited(start.error), relaxation_rate(k, c, mass)
     if pressed:
         before = Error(
@@ -105,16 +158,18 @@ def quasi_static(
         in_layer = end_depth - float(knee.law[max(layer, 1), BEGIN])
         error = static_deviation(before, begin, end, in_layer, mass, h)
         before_bound = height_bound(before, relaxation)
+        begin_layer = layer_at(knee.law, depth)
         if layer > 1 and before_bound > in_layer:
-            # Half of its swing may lie in the layer above, which is softer: it decays no faster than a swing there.
+            # Half of its swing may lie in the layer above, which is softer: it decays no faster than a swing there. A
+            # tick that ends below that layer has been in it before.
+            below = min(1.0, in_layer / (end_depth - depth)) if begin_layer < layer else 1.0
             _, soft, _ = force_at(knee.law, layer - 1, end_depth, 0.0, 0.0)
             frequency = math.sqrt(square * soft / mass)
-            kept = before_bound * math.exp(-h / SOFT_LAYER_PHASE * frequency)
+            kept = before_bound * math.exp(-h * below / SOFT_LAYER_PHASE * frequency)
             least = max(0.0, kept - height_bound(error, relaxation))
             error = with_bound(error, least, least * relaxation)
         left = min(resolution, 1e-3 * end_depth)
         unknown = left * left / max(end_depth, TINY)
-        begin_layer = layer_at(knee.law, depth)
         if begin_layer != layer:
             # A layer begins softly, or with another dashpot: the dynamic femur may stay behind.
             behind = max(depth, end_depth) - float(knee.law[max(begin_layer, layer), BEGIN])
@@ -124,8 +179,9 @@ def quasi_static(
                 load_rate, way = abs(tick.load_rate), behind + height_bound(before, math.inf)
                 late = math.sqrt(2.0 * damping * way / max(load_rate, TINY))
                 unknown += min(abs(depth - end_depth), load_rate * min(late, h) / k)
-        # Of the inertia that is left out, only the mean over a tick is known.
-        way, speed = response(abs(inertia), k, c, mass, h)
+        # Of the inertia that is left out, only means are known, over a tick and over two parts of it. Within a part it
+        # may change by as much as between the two.
+        way, speed = response(abs(inertia) + 2.0 * uneven, k, c, mass, h)
         if knee.surfaces.non_convex > 0.0 or not math.isnan(
             next_kink(knee.surfaces, tick.angle, end_angle)
         ):
