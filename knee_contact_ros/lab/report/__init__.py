@@ -97,6 +97,8 @@ _RINGING_TIME = 0.05
 """Time [s] on both sides of a peak within which its ringing is looked for: less than a swing of the contact"""
 _LEAST_RINGING = 0.005
 """Smallest ringing that is shown, in body weights: two digits are printed"""
+_FINE_STEP = 5e-4
+"""Time [s] between samples that show 99 % of what bone adds to a loading rate; at 5 ms they show 59 %"""
 _LEAST_GROUP = 3
 """Number of recordings from which their mean and deviation are shown"""
 
@@ -311,10 +313,13 @@ def _stopped_by_bone(cyclic: Sequence[ReportRun]) -> str:
     if len(reach) < 2 or any(run.parameters.fidelity.level == "quasi_static" for run in cyclic):
         return ""
     step = max(float(np.median(run.gathered.seconds)) for run in cyclic)
-    return (
+    said = (
         "Where bone stops the femur, the contact force exceeds the load for some milliseconds, as the model's femur "
-        f"has mass: loading rates are higher. Samples {MM * step:.2g} ms apart miss part of this, in some strides more."
+        "has mass: loading rates are higher."
     )
+    if step > _FINE_STEP:
+        said += f" Samples {MM * step:.2g} ms apart miss part of this, in some strides more."
+    return said
 
 
 def _paired_differences(found: Sequence[ReportRun]) -> PageTable:
