@@ -23,6 +23,9 @@ exchanges neighbours. Tuned; tests/offline/test_streams_as_they_are.py would not
 HOLE_FACTOR = 4
 """Messages after a step back fill a hole if they are at least this many for each earlier message in their span.
 Tuned; the same tests would notice"""
+MOST_EXCHANGED = 10
+"""Steps of a topic by which neighbours are exchanged at most. Behind a clock that was set back by as little, messages
+have times that others had before; exchanged ones lie between these"""
 UNSORTED_FACTOR = 3
 """A topic of which one in `UNSORTED_FACTOR` steps goes back has no order that could be kept: it is sorted. Tuned"""
 MAX_STEPS_BACK = 10_000
@@ -144,6 +147,10 @@ def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: fl
     ends = (np.diff(after) < 0) | (after[1:] > before.max())
     group = after[: int(np.argmax(ends)) + 1 if ends.any() else len(after)]
     half = 0.5 * usual
+    if before.max() - group[0] <= MOST_EXCHANGED * usual and len(group) <= MOST_EXCHANGED:
+        near = before[before >= group[0] - half]
+        if np.abs(np.subtract.outer(group, near)).min() > half:
+            return True
     among = np.count_nonzero((before > group[0] - half) & (before < group[-1] + half))
     return HOLE_FACTOR * int(among) <= len(group) and bool(group[0] > before.min())
 

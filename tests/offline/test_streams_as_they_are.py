@@ -184,6 +184,14 @@ def by_topic(messages):
     return [[message for message in messages if message.topic == topic] for topic in topics]
 
 
+def shuffled(messages):
+    """Messages of which many groups of five neighbours lie in any order, groups upon groups."""
+    random, found = np.random.default_rng(60), list(messages)
+    for begin in random.integers(0, len(found) - 5, 200).tolist():
+        found[begin : begin + 5] = [found[begin + i] for i in random.permutation(5)]
+    return found
+
+
 UNORDERED = {
     "30 messages in the next file": lambda g: [without(g[:650], LATE), [*g[LATE], *g[650:]]],
     "30 messages in the file before": lambda g: [
@@ -197,6 +205,7 @@ UNORDERED = {
     "a file per topic": by_topic,
     "a topic behind the other": lambda g: [[*by_topic(g)[0], *by_topic(g)[1]]],
     "backwards": lambda g: [g[::-1]],
+    "neighbours in any order": lambda g: [shuffled(g)],
 }
 
 
