@@ -140,17 +140,17 @@ class DrawnRun:
 def flags_differ(live: Any, again: Any) -> bool:
     """Whether flags of stamps, clocks and publishers differ, also after a held angle, or an answer is missing.
 
-    Offline a force before all angles has none, where the node held one; the run then begins with the next.
+    Offline a force before all angles has none, where the node held one; gap and reset before the next are then others.
     """
-    begun, number = 0, 0
+    number, is_first = 0, False
     for row in live[:-1]:
-        status, is_held = row["status"], bool(row["status"] & Status.INPUT_HELD)
+        is_held = bool(row["status"] & Status.INPUT_HELD)
         if number < len(again) and again["stamp"][number] == row["stamp"]:
-            if not is_held and (status | begun) & FLAGS != again["status"][number] & FLAGS:
+            if not (is_held or is_first) and (row["status"] ^ again["status"][number]) & FLAGS:
                 return True
-            begun, number = 0, number + 1
+            number, is_first = number + 1, False
         elif is_held:
-            begun |= status & Status.TIME_RESET
+            is_first = True
         else:
             return True
     return False
