@@ -54,9 +54,9 @@ PATIENCE = 60.0
 """Time [s] to wait for what must come"""
 SETTLED = 0.1
 """Part of the run after which memory must not grow"""
-LEFT_OUT = ("time jumps back", "best-effort publisher joins", "stop of no recording")
-"""A bag is read in the order of its stamps, so time that jumps back is not computed again as it came; and who listens
-as best effort may miss samples, which is then nobody's fault. A recording is being written, and not to be stopped."""
+LEFT_OUT = ("time jumps back", "stop of no recording")
+"""A bag is read in the order of its stamps, so time that jumps back is not computed again as it came. A recording is
+being written, and not to be stopped."""
 MB = 1e6
 TEXT = """\
 The real node (`healthy.yaml`, recording to MCAP, drawing to a Rerun file, `pairing.wait` 7 s) at 1 kHz beside one busy

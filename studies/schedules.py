@@ -28,7 +28,6 @@ import numpy as np
 import rclpy
 from mcap.records import Message
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSPolicyKind
 
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.bag import Bag
@@ -403,7 +402,7 @@ class Schedule:
             self._change,
             self._kill,
             self._pause,
-            self._meet_best_effort,
+            self._meet_unfit_publisher,
         ]
         for act in dice.choices(acts, k=dice.randint(0, 6)):
             add(dice.uniform(0.0, LONGEST), act)
@@ -461,11 +460,9 @@ class Schedule:
         self.session.stop_listening()
         self.session.start_listening()
 
-    def _meet_best_effort(self) -> None:
-        stream = self.dice.choice(self.session.inputs)
-        kind = QoSPolicyKind.RELIABILITY
-        if stream.topic in stream._subscriptions:  # they are made once a publisher is known
-            stream._on_incompatible_qos(stream.topic, SimpleNamespace(last_policy_kind=kind))
+    def _meet_unfit_publisher(self) -> None:
+        """One that the user's override of the reliability does not fit."""
+        self.dice.choice(self.session.inputs)._unheard.add("/joint_states")
 
     def _check_files(self) -> None:
         """Check every recording beside what its sink was given."""

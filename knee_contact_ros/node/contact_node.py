@@ -12,7 +12,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from importlib.util import find_spec
 from typing import Any
@@ -191,7 +191,6 @@ class ContactSession(Session):
         self,
         node: LifecycleNode,
         parameters: Parameters,
-        qos_given: Collection[str],
         handed: HandedInputs | None = None,
     ) -> None:
         """Build the model and open the outputs.
@@ -199,7 +198,6 @@ class ContactSession(Session):
         Args:
             node: The node.
             parameters: Parameters of the node.
-            qos_given: Names of the QoS overrides that the user has given.
             handed: Source of the inputs if another node in this process hands them over.
 
         Raises:
@@ -209,7 +207,7 @@ class ContactSession(Session):
         pipeline = ContactPipeline(parameters, compiled=False, curves=self._curves)
         health = ContactHealth(node, parameters, pipeline)
         super().__init__(node, parameters, pipeline, health)
-        self.inputs = self._input_streams(qos_given, handed)
+        self.inputs = self._input_streams(handed)
         health.orientations = self.orientations
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)

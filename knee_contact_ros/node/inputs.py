@@ -1,12 +1,11 @@
-"""The node's inputs: subscriptions as reliable as their publishers allow, another node in the process, transforms."""
+"""The node's inputs: subscriptions that every publisher can serve, another node in the process, transforms."""
 
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from contextlib import suppress
 from fnmatch import fnmatchcase
-from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -190,9 +189,8 @@ class Input:
 
     Another node in the process may hand the messages over instead (`handed`).
 
-    A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So each
-    begins as reliable, and becomes best effort when it meets a best-effort publisher, unless the user has decided.
-    Matching topics that appear later are found within a second; topics without publishers are dropped.
+    Subscriptions are best effort, as a reliable one gets nothing from a best-effort publisher, unless the user has
+    decided. Matching topics that appear later are found within a second; topics without publishers are dropped.
     """
 
     def __init__(
@@ -202,14 +200,12 @@ class Input:
         on_message: Callable[[bytes], object],
         meter: InputMeter,
         message_type: Any = None,
-        qos_given: Collection[str] = (),
         convert: Convert | None = None,
         handed: HandOver | None = None,
     ) -> None:
         """Prepare a subscription: `on_message` gets the bytes of a message, and counts it with `meter`.
 
-        `qos_given` has the names of the QoS overrides that the user has given; `convert` turns messages of other types
-        into those that `on_message` takes.
+        `convert` turns messages of other types into those that `on_message` takes.
         """
         self.topic, self.meter, self.handed = topic, meter, handed
         self._arrival: Callable[[], int] = time.time_ns
@@ -222,18 +218,9 @@ class Input:
             convert,
         )
         self._subscriptions: dict[str, Any] = {}  # by topic
-        self._best_effort, self._incompatible = (
-            set[str](),
-            set[str](),
-        )  # topics; the latter with a publisher we do not hear
+        self._unheard = set[str]()  # topics with a publisher that an override does not fit
         self._matches = ANY in topic
         self._due = math.inf  # when to look for topics that match
-        given = (
-            ""
-            if self._matches
-            else f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
-        )
-        self._decided_by_user = given in qos_given
 
     def follow_clock(self) -> None:
         """Take times of arrival and ages from simulated time where the node has it."""
@@ -254,36 +241,17 @@ class Input:
             self._subscribe(self.topic)
 
     def _subscribe(self, topic: str) -> None:
-        name = self._node.resolve_topic_name(topic)
-        offered = self._node.get_publishers_info_by_topic(name)
-        is_offered = any(
-            each.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for each in offered
-        )
-        if is_offered and not self._decided_by_user and topic not in self._best_effort:
-            self._listen_with_best_effort(topic)
-        best_effort = topic in self._best_effort
-        left = [
-            QoSPolicyKind.HISTORY,
-            QoSPolicyKind.DEPTH,
-        ]  # to the user; nobody knows names that match before
-        if (
-            not best_effort or self._decided_by_user
-        ):  # once declared, the reliability would stay as it was at first
-            left.append(QoSPolicyKind.RELIABILITY)
+        left = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY]
         self._subscriptions[topic] = self._node.create_subscription(
             self._type,
             topic,
             self._on_foreign_message if self._convert else self._on_message,
-            QoSProfile(
-                depth=INPUT_DEPTH,
-                reliability=ReliabilityPolicy.BEST_EFFORT
-                if best_effort
-                else ReliabilityPolicy.RELIABLE,
-            ),
+            QoSProfile(depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=partial(self._on_incompatible_qos, topic)
+                incompatible_qos=lambda _: self._unheard.add(topic)
             ),
+            # To the user; nobody knows names that match before
             qos_overriding_options=QoSOverridingOptions([] if self._matches else left),
         )
 
@@ -295,7 +263,7 @@ class Input:
         if self.handed:
             self.handed.taker = None
         self._due = math.inf
-        self._incompatible.clear()
+        self._unheard.clear()
         for topic in list(self._subscriptions):
             self._unsubscribe(topic)
 
@@ -318,32 +286,19 @@ class Input:
             else sum(each.get_publisher_count() for each in self._subscriptions.values())
         )
 
-    def adapt_reliability(self) -> None:
-        """Subscribe as best effort if a publisher could not be received; look for topics once a second.
+    def look_for_publishers(self) -> None:
+        """Name publishers that an override of the user does not fit; look for topics once a second.
 
         Do not call it from the subscription's own callbacks.
         """
-        for topic in self._incompatible - self._best_effort:
+        for topic in self._unheard:
             name = self._node.resolve_topic_name(topic)
-            if self._decided_by_user:
-                text = f"a publisher of {name} cannot be heard: its QoS does not fit the override"
-                self._node.get_logger().warning(text)
-                continue
-            self._listen_with_best_effort(topic)
-            self._unsubscribe(topic)
-            self._subscribe(topic)
-        self._incompatible.clear()
+            text = f"a publisher of {name} cannot be heard: its QoS does not fit the override"
+            self._node.get_logger().warning(text)
+        self._unheard.clear()
         if time.monotonic() >= self._due:
             self._due = time.monotonic() + SEARCH_PERIOD
             self._search_topics()
-
-    def _listen_with_best_effort(self, topic: str) -> None:
-        """Note that a topic is to be listened to like its publisher offers it, and say so."""
-        self._best_effort.add(topic)
-        name = self._node.resolve_topic_name(topic)
-        self._node.get_logger().info(
-            f"a publisher of {name} is best effort; the node listens in the same way"
-        )
 
     def _search_topics(self) -> None:
         """Subscribe to new topics that match, and unsubscribe from those that are gone."""
@@ -364,10 +319,6 @@ class Input:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)
         for made in self._convert(data, self._arrival()):  # the events executor gives no times
             self._on_message(made)
-
-    def _on_incompatible_qos(self, topic: str, event: Any) -> None:
-        if event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user:
-            self._incompatible.add(topic)
 
 
 def message_class(source: TopicSource, by: str) -> type:

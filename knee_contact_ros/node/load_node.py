@@ -8,7 +8,6 @@ Parameters: `parameters/schema.py`.
 """
 
 import time
-from collections.abc import Collection
 from functools import partial
 
 from geometry_msgs.msg import WrenchStamped
@@ -71,7 +70,6 @@ class LoadSession(Session):
         self,
         node: LifecycleNode,
         parameters: LoadParameters,
-        qos_given: Collection[str],
         takers: HandedInputs | None = None,
     ) -> None:
         """Build the estimator and open the outputs.
@@ -79,7 +77,6 @@ class LoadSession(Session):
         Args:
             node: The node.
             parameters: Parameters of the node.
-            qos_given: Names of the QoS overrides that the user has given.
             takers: Where angles and joint reactions are handed to, in addition to their topics.
 
         Raises:
@@ -88,7 +85,7 @@ class LoadSession(Session):
         pipeline = LoadPipeline(parameters)
         health = LoadHealth(node, parameters, pipeline, Level, "level")
         super().__init__(node, parameters, pipeline, health)
-        self.inputs = self._input_streams(qos_given)
+        self.inputs = self._input_streams()
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
         self._advertise(
             {

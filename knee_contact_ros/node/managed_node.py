@@ -131,9 +131,7 @@ class ManagedNode(LifecycleNode):
             KeyboardInterrupt: a signal to stop came while the process compiled.
         """
         try:
-            self.session = self.kind.session(
-                self, self.node_parameters.read_parameters(), given_by_user(self)
-            )
+            self.session = self.kind.session(self, self.node_parameters.read_parameters())
             if unset := self.node_parameters.unset_person():
                 self.get_logger().info(unset)
             self.session.prepare(self._stop.interrupting)

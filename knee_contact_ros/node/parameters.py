@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,8 +37,8 @@ class NodeKind(NamedTuple):
     """Name of the node, and its parameters"""
     live: frozenset[str]
     """Names of the parameters that may change while the node is configured: they take effect between two ticks"""
-    session: Callable[[LifecycleNode, Any, Collection[str]], Session]
-    """Makes the session of a node from its parameters and the names of the QoS overrides that the user has given"""
+    session: Callable[[LifecycleNode, Any], Session]
+    """Makes the session of a node from its parameters"""
 
 
 MAX_INT64 = 2**63 - 1

@@ -6,7 +6,7 @@ import gc
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ClassVar
@@ -130,9 +130,7 @@ class Session(ABC):
         with interrupting():
             self.outputs.wait_until_known()
 
-    def _input_streams(
-        self, qos_given: Collection[str], handed: HandedInputs | None = None
-    ) -> Inputs:
+    def _input_streams(self, handed: HandedInputs | None = None) -> Inputs:
         """Streams of angles and of forces, from their topics or from another node in this process (`handed`).
 
         Raises:
@@ -167,18 +165,15 @@ class Session(ABC):
             angle_input = Input(
                 *angle_arguments,
                 message_class(angles, self.parameters.angle_source),
-                qos_given,
                 convert_angle,
             )
         if thigh:
             kind = message_class(thigh, "orientations.thigh")
             arguments = self.node, thigh.topic, self._on_joint_state, angle_meter
-            self._thigh = Input(*arguments, kind, qos_given, convert_thigh)
+            self._thigh = Input(*arguments, kind, convert_thigh)
         if handed:
             return angle_input, Input(*force_arguments, handed=handed.forces)
-        return angle_input, Input(
-            *force_arguments, message_class(forces, by), qos_given, convert_force
-        )
+        return angle_input, Input(*force_arguments, message_class(forces, by), convert_force)
 
     @property
     def _every_input(self) -> list[Input]:
@@ -400,7 +395,7 @@ class Session(ABC):
         # Not after an answer, as that is in a callback of the subscriptions that end here:
         self._transforms.leave_moving()
         for stream in self._every_input:
-            stream.adapt_reliability()
+            stream.look_for_publishers()
 
     def _answer_late(self) -> None:
         """Answer loads whose angle is late; end the flags of late messages; tell doubts; free some memory."""

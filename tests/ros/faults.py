@@ -209,11 +209,6 @@ def other_publisher(
         publisher = node.create_publisher(
             JointState, "joint_states", QoSProfile(depth=10, reliability=reliability)
         )
-        told = reliability.name.lower().replace("_", " ")
-        state = peer.diagnostics
-        peer.wait_until(
-            lambda: state.get("knee_contact: joint_states", {}).get("reliability") == told
-        )
         for each in (publisher, peer.angle):
             peer.wait_until(each.get_subscription_count)
         publisher.publish(
@@ -366,7 +361,7 @@ FAULTS = [
     ),
     Fault(
         "one huge message",
-        lambda p, t: joints(p, t, ["knee"], [0.1] * 500_000),
+        lambda p, t: joints(p, t, ["knee"], [0.1] * 40_000),
         ("too_large",),
         REJECTED,
     ),

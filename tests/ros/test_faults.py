@@ -137,7 +137,7 @@ def test_all_that_was_refused_is_counted(listening, running):
 
 OF_ITSELF = {"angle lost": Status.INPUT_HELD}
 """Status of the answer to the faulty sample, where the table tells that one's"""
-ENTRIES = {"pairing", "reliability"}
+ENTRIES = {"pairing"}
 """What the table names of `/diagnostics` that counts no refused samples"""
 
 
