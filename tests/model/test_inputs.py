@@ -175,7 +175,8 @@ def test_movements_of_other_kinds_and_mixtures_of_them_are_not_doubted():
     for several in bouts:
         parts = [made(name, seconds, random) for name, seconds in several]
         angle, force = (np.concatenate(column) for column in zip(*parts, strict=True))
-        for load in (force, force * (1.0 + 1.2 * angle / np.radians(90.0))):
+        in_air = 0.06 + 0.02 * np.sin(np.arange(len(angle)))  # the shank's weight, as on a stand
+        for load in (force, force * (1.0 + 1.2 * angle / np.radians(90.0)), in_air):
             seen = InputCheck(WEIGHT, share=0.5)
             stamps = 10_000_000 * np.arange(len(angle))
             seen.add_samples(stamps, angle, WEIGHT * load)

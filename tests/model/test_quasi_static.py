@@ -21,7 +21,7 @@ from tests.model.scenes import FORWARDS, HINGE, TO_AND_FRO, plateau
 
 pytestmark = [
     needs_compiler,
-    pytest.mark.filterwarnings("ignore:the (knee turns|samples are|flexion|load is)"),
+    pytest.mark.filterwarnings("ignore:the (knee turns|samples are|flexion)"),
 ]
 """These motions are faster than any knee's, and some are sampled more slowly"""
 CONFIG = Path(__file__).parents[2] / "config"
