@@ -33,6 +33,9 @@ _LARGEST_FILE = 128_000_000
 """Largest size of a mesh's file [B]: 2.5 million triangles"""
 _LARGEST_MAP = 600_000_000
 """Largest size of a label map's file [B]"""
+_MOST_FACES = 2_500_000
+"""Largest number of faces between voxels of a label and others: ten times those of a bone at 0.4 mm. More would take
+gigabytes"""
 _VTK_PATIENCE = 60.0
 """Longest time [s] that VTK may take for a file"""
 _BODY_AXES = "x,y,z"
@@ -322,10 +325,15 @@ def _around_label(path: Path, label: int | None, axes: str | None) -> tuple[Floa
     ]
     inside = inside[tuple(slice(first, last + 1) for first, last in edges)]
     # Padding closes a label that reaches the edge of the image.
-    padded = np.pad(inside, 1).astype(np.float32)
+    padded = np.pad(inside, 1)
+    faces = sum(np.count_nonzero(np.diff(padded, axis=axis)) for axis in range(3))
+    if faces > _MOST_FACES:
+        raise UsageError(
+            f"{path}: the voxels of label {wanted:g} have {faces} faces to others, and a bone has at most {_MOST_FACES}"
+        )
     origin = [float(first) - 1.0 for first, _ in edges]
     grid = pyvista.ImageData(dimensions=padded.shape, origin=origin)
-    grid.point_data["inside"] = padded.ravel(order="F")
+    grid.point_data["inside"] = padded.astype(np.float32).ravel(order="F")
     mesh = grid.contour([0.5], scalars="inside").triangulate()
     if lacks and axes is None:
         raise UsageError(

@@ -57,6 +57,15 @@ def zipped_bomb(folder):
     return path
 
 
+def board(folder):
+    """Voxels that alternate, each with six faces: a map of usual size took 16 GB."""
+    path = folder / "board.nrrd"
+    voxels = (np.indices((112, 112, 112)).sum(axis=0) % 2).astype(np.uint8)
+    head = NRRD.format(kind="uchar", sizes="112 112 112", encoding="gzip", more="").encode()
+    path.write_bytes(head + gzip.compress(voxels.tobytes()))
+    return path
+
+
 def elsewhere(folder):
     """A header that names a file of the user's."""
     (folder / "secret.txt").write_text("11 22 33 44 55 66 77 88")
@@ -74,6 +83,7 @@ def elsewhere(folder):
         (sparse_mesh, "has 2000 MB, and at most 128 MB are read"),
         (nifti_bomb, "it has 1000 x 1000 x 1000 voxels"),
         (zipped_bomb, "needs --label N"),
+        (board, "have 4214784 faces to others"),
         (elsewhere, "may name only a file beside it"),
     ],
 )
