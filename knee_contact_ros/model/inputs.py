@@ -61,8 +61,10 @@ _TYPICAL_WEIGHT = 735.0
 _IDLE_LOAD = 0.4
 """Load [BW] of a whole knee below which a straight leg is not stood on: in quiet standing it bears twice that"""
 _STOOD_ON = 1.5
-"""Mean load of a straight leg over `_IDLE_LOAD` from which it walks, and does not swing in the air: in the 21 gaits with
-a load that is 0.4 s late or early it is 2.2 or more"""
+"""Mean load of a straight leg over `_IDLE_LOAD` from which it walks, and does not swing in the air.
+
+In the 21 gaits with a load that is 0.4 s late or early it is 2.2 or more.
+"""
 _IDLE_SHARE = 0.03
 """Fraction of ticks with an idle straight leg from which angle and load may be of different times"""
 _HOLE = 1.0
