@@ -15,7 +15,7 @@ from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
 from studies.honesty.truth import reference
 from tests.helpers.needs import needs_compiler
 
-pytestmark = [needs_compiler, pytest.mark.filterwarnings("ignore:the knee turns at up to")]
+pytestmark = [needs_compiler, pytest.mark.filterwarnings("ignore:the (knee turns|load is)")]
 """These motions are faster than any knee's"""
 
 
