@@ -21,7 +21,7 @@ demo: $(VENV)/.installed
 
 # In the order of tests/conftest.py: by itself pytest-xdist runs all files of the live node first, which mostly wait.
 test: $(VENV)/.installed-dev
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses 6 --dist loadgroup --no-loadscope-reorder --max-worker-restart 0 $(ARGS)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses 4 --dist loadgroup --no-loadscope-reorder --max-worker-restart 0 $(ARGS)
 
 # Of what has wheels for this Python: NumPy 1.26 and SciPy 1.11, as in Ubuntu 24.04, up to Python 3.12. Rerun needs NumPy 2.
 LOWEST := .venv-lowest

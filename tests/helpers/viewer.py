@@ -188,7 +188,7 @@ def window_of(process, newest):
         places = [
             one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN
         ]
-        with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
+        with suppress(IndexError, RuntimeError, ConnectionError, TimeoutError, ValueError):
             address = f"rerun+http://{places[0].ip}:{places[0].port}/proxy"
             return shown_to(ViewerClient.connect(address).get_state()) >= newest
         return False
