@@ -74,7 +74,8 @@ process."""
 class Peered(Driver):
     """A driver with the methods that faults use of the tests' peer."""
 
-    client, send_angle, send_force, send = Peer.client, Peer.send_angle, Peer.send_force, Peer.send
+    client, introduce = Peer.client, Peer.introduce
+    send_angle, send_force, send = Peer.send_angle, Peer.send_force, Peer.send
 
     def __init__(self, node: Any, executor: Any) -> None:
         super().__init__(node, executor)
