@@ -65,10 +65,10 @@ MUTANTS = (
     ),
     Mutant(
         "a spline's end slope",
-        "model/mechanisms.py",
-        "chord[-1] + width[-1] * left[-1] / 6.0",
-        "chord[-1] + width[-1] * left[-1] / 3.0",
-        "model/test_mechanisms.py",
+        "model/splines.py",
+        "return 2.0, 1.0, 3.0 * chord[0]",
+        "return 2.0, 1.0, 6.0 * chord[0]",
+        "model/test_splines.py",
     ),
     Mutant(
         "the loading rate over a reset",

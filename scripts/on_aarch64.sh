@@ -82,5 +82,5 @@ status=0
     --deselect tests/bags/test_recover.py::test_a_full_disk_leaves_nothing_behind || status=$?
 echo "== Answers of aarch64 and of this machine"
 cd "$here"
-"$python" -m scripts.same_messages "$checkout" --scenes "${SCENES:-200}" --depth 1e-12 --force 1e-6
+"$python" -m scripts.same_messages "$checkout" --scenes "${SCENES:-200}"
 exit $status

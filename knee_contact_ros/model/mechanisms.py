@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .compiler import inlined
+from .splines import NATURAL, pieces_through
 from .types import Floats
 
 MIN_SOLVED_FLEXION = -0.3
@@ -33,6 +34,8 @@ _CLOSED_ERROR = 1e-14
 """Largest error [m] of a closed mechanism, about a hundred rounding errors of 0.1 m"""
 _MAX_NEWTON_STEPS = 25
 """Number of Newton's steps after which the mechanism cannot be closed"""
+_DIGITS = 12
+"""Number of decimal digits [m] to which its translations are rounded"""
 
 
 @inlined
@@ -109,33 +112,13 @@ def translation_table(angle: ArrayLike, x: ArrayLike, name: str = "table") -> Me
         raise ValueError(f"a translation table needs at least 2 points, got {angle.size}")
     if not (np.isfinite(angle).all() and np.isfinite(x).all()):
         raise ValueError("a number in the translation table is not finite")
-    width = np.diff(angle)
-    if not (width > 0.0).all():
+    if not (np.diff(angle) > 0.0).all():
         raise ValueError("the angles of a translation table must increase strictly")
     if (np.abs(x) > _MAX_TRANSLATION).any():
         raise ValueError(
             f"a translation is beyond {_MAX_TRANSLATION} m: are the numbers in metres?"
         )
-    chord = np.diff(x) / width
-    off_diagonal = width[1:-1]
-    matrix = np.diag(2.0 * (width[:-1] + width[1:]))
-    matrix = matrix + np.diag(off_diagonal, 1) + np.diag(off_diagonal, -1)
-    bends = np.zeros(angle.size)  # second derivatives, 0 at both ends
-    bends[1:-1] = np.linalg.solve(matrix, 6.0 * np.diff(chord))
-    left, right = bends[:-1], bends[1:]
-    slope = chord - width * (2.0 * left + right) / 6.0
-    last_slope = chord[-1] + width[-1] * left[-1] / 6.0
-    cubic = (right - left) / (6.0 * width)
-    return Mechanism(
-        name,
-        np.vstack(
-            [
-                [angle[0], x[0], slope[0], 0.0, 0.0],
-                np.column_stack([angle[:-1], x[:-1], slope, left / 2.0, cubic]),
-                [angle[-1], x[-1], last_slope, 0.0, 0.0],
-            ]
-        ),
-    )
+    return Mechanism(name, pieces_through(angle, x, NATURAL))
 
 
 SPHERE_CENTRES: Floats = np.array(
@@ -196,7 +179,9 @@ def parallel_mechanism() -> Mechanism:
         for angle, pose in zip(angles.tolist(), poses, strict=True)
     ]
     x = poses[:, 0] + turned
-    return translation_table(angles, x - x[angles == 0.0][0], "parallel mechanism")
+    # Newton's method leaves some 1e-16 m, which differ between processors.
+    x = np.round(x - x[angles == 0.0][0], _DIGITS)
+    return translation_table(angles, x, "parallel mechanism")
 
 
 def passive_motion() -> tuple[Floats, Floats]:

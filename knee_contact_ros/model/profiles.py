@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .compiler import in_kernel, inlined
+from .splines import cosines, pieces_through, sines
 from .types import Floats, Integers
 
 CELLS = 2048
@@ -38,7 +39,7 @@ _MIN_LEAP = 1e-6
 """Smallest length [m] of a leap of the lowest point"""
 _KINK_RESOLUTION = 1e-13
 """Error [rad] of the angle of a leap"""
-CELL_NODES: Floats = 0.5 * np.cos((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
+CELL_NODES: Floats = 0.5 * cosines((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
 """Places in a cell of width 1 where h' is interpolated: Chebyshev's, which make the largest error small"""
 CELL_CHECKS: Floats = np.linspace(-0.5, 0.5, 2 * DEGREE + 1)
 """Places in a cell of width 1 where the result is checked"""
@@ -162,7 +163,7 @@ class Circle:
         """
         turn = np.linspace(-0.5 * math.pi - 1.4, -0.5 * math.pi + 1.4, _ARC_POINTS)
         radius = SHRUNK * self.radius
-        return Profile(radius * np.cos(turn), radius * np.sin(turn)).cubics
+        return Profile(radius * cosines(turn), radius * sines(turn)).cubics
 
     @property
     def on_plane(self) -> KernelTable:
@@ -202,15 +203,10 @@ class Profile:
         points = np.delete(points, np.flatnonzero(repeated), axis=1)
         if points.shape[1] < 4:
             raise ValueError(f"a profile needs at least 4 different points, got {points.shape[1]}")
-        # The import takes 0.9 s, which a circle does not need.
-        from scipy.interpolate import CubicSpline
-
-        chords = np.hypot(*np.diff(points))
-        spline = CubicSpline(np.concatenate([[0.0], np.cumsum(chords)]), points, axis=1)
-        axes = np.moveaxis(spline.c[::-1], 2, 0)  # ascending powers; shape (2, 4, segments)
-        object.__setattr__(
-            self, "cubics", np.column_stack([chords, spline.x[:-1], *axes.reshape(8, -1)])
-        )
+        chords = np.sqrt((np.diff(points) ** 2).sum(axis=0))
+        places = np.concatenate([[0.0], np.cumsum(chords)])
+        x, y = (pieces_through(places, axis)[1:-1, 1:] for axis in points)
+        object.__setattr__(self, "cubics", np.column_stack([chords, places[:-1], x, y]))
 
     def __str__(self) -> str:
         return "profile"
@@ -219,12 +215,13 @@ class Profile:
     def knot_spacing(self) -> float:
         """Mean change of direction [rad] between two points of the spline; changes to and fro, as in dents, cancel."""
         chords = np.diff(np.column_stack([self.cubics[:, [2, 6]].T, self._hull[:, 3, -1]]))
-        return abs(float(np.diff(np.unwrap(np.arctan2(chords[1], chords[0]))).mean()))
+        directions = np.unwrap([math.atan2(y, x) for x, y in chords.T])
+        return abs(float(directions[-1] - directions[0])) / (len(directions) - 1)
 
     @property
     def largest_radius(self) -> float:
         """Upper bound of the distance [m] of the curve from the reference point."""
-        return float(np.hypot(*self._hull).max())
+        return float(np.sqrt((self._hull**2).sum(axis=0).max()))
 
     @cached_property
     def _hull(self) -> Floats:
@@ -284,7 +281,7 @@ class Profile:
         half_width = math.pi / CELLS
         hull_x, hull_y = self._hull
         angles = (2.0 * np.arange(CELLS)[:, None] + 1.0) * half_width
-        sine, cosine = np.sin(angles), np.cos(angles)
+        sine, cosine = sines(angles), cosines(angles)
         depths = [-(sine * x + cosine * y) for x, y in zip(hull_x, hull_y, strict=True)]
         ends = np.maximum(depths[0], depths[3])
         upper = np.maximum(ends, np.maximum(depths[1], depths[2]))
@@ -302,7 +299,7 @@ class Profile:
         """Return h [m], the parameter u [m] and h' [m/rad] of segments at places t of cells; shape (segments, t)."""
         length, _, x0, x1, x2, x3, y0, y1, y2, y3 = self.cubics[segments].T[:, :, None]
         angle = (cells[:, None] + 0.5 + t) * (math.tau / CELLS)
-        sine, cosine = np.sin(angle), np.cos(angle)
+        sine, cosine = sines(angle), cosines(angle)
         c0 = -(sine * x0 + cosine * y0)
         c1 = -(sine * x1 + cosine * y1)
         c2 = -(sine * x2 + cosine * y2)
@@ -382,8 +379,16 @@ def cell_polynomials(middle: Floats, at_nodes: Floats, checked: Floats) -> tuple
 
     `middle` is h in the middle, `at_nodes` and `checked` h' at the places `CELL_NODES` and `CELL_CHECKS` of each cell.
     """
-    slopes = at_nodes @ np.linalg.inv(np.vander(CELL_NODES, increasing=True)).T
-    error = np.abs(slopes @ np.vander(CELL_CHECKS, DEGREE, increasing=True).T - checked).max(
-        axis=1
-    )
+    # Newton's divided differences, and then the powers of the place one after the other
+    differences = list(at_nodes.T)
+    for order in range(1, DEGREE):
+        for i in range(DEGREE - 1, order - 1, -1):
+            apart = CELL_NODES[i] - CELL_NODES[i - order]
+            differences[i] = (differences[i] - differences[i - 1]) / apart
+    slopes = np.zeros_like(at_nodes)
+    for node, difference in zip(CELL_NODES[::-1], differences[::-1], strict=True):
+        higher = np.roll(slopes, 1, axis=1)
+        slopes = higher - node * slopes
+        slopes[:, 0] += difference
+    error = np.abs(np.polynomial.polynomial.polyval(CELL_CHECKS, slopes.T) - checked).max(axis=1)
     return np.column_stack([middle, slopes * (math.tau / CELLS / np.arange(1, DEGREE + 1))]), error

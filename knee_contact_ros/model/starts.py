@@ -8,6 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from .mechanisms import Mechanism
 from .profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile
+from .splines import cosines, sines
 from .types import Floats, Indices
 
 COLUMN_WIDTH = 0.0125
@@ -75,8 +76,8 @@ def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -
     """
     cubics = femur.cubics
     angles = COLUMN_EDGES
-    sine: Any = np.sin(angles)[:, None]
-    cosine: Any = np.cos(angles)[:, None]
+    sine: Any = sines(angles)[:, None]
+    cosine: Any = cosines(angles)[:, None]
     parts = _POINTS_PER_SEGMENT
     inner = 0.0
     if isinstance(femur, Circle):

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +19,7 @@ from .closest import (
 )
 from .mechanisms import Mechanism
 from .profiles import NOTHING, NOWHERE, Circle, KernelTable, Profile
+from .splines import NOT_A_KNOT, Ends, pieces_through, sines
 from .starts import height_of, slope_of, starts_table
 from .types import Floats
 
@@ -85,10 +85,10 @@ class Cup:
     @cached_property
     def pieces(self) -> Floats:
         """The arc as a spline that is 1e-12 m close; see `Surfaces.tibia`."""
-        x = self.radius * np.sin(np.linspace(-math.pi / 3.0, math.pi / 3.0, _ARC_POINTS))
+        x = self.radius * sines(np.linspace(-math.pi / 3.0, math.pi / 3.0, _ARC_POINTS))
         y = self.radius - np.sqrt(self.radius**2 - x * x)
         steepest = CUP_SINE / CUP_COSINE
-        return _tibial_pieces(x, y, ((1, -steepest), (1, steepest)))
+        return _tibial_pieces(x, y, (-steepest, steepest))
 
     def outline(self, reach: float) -> Floats:
         """Return points along the surface, shape (n, 2) [m], to `reach` [m] on both sides."""
@@ -128,7 +128,7 @@ class Plateau:
             x, y = x[::-1], y[::-1]
         if not (np.diff(x) > 0.0).all():
             raise ValueError("a tibial profile must not turn back in x")
-        pieces = _tibial_pieces(x, y, "not-a-knot")
+        pieces = _tibial_pieces(x, y, NOT_A_KNOT)
         # Balls below: through a point u of a piece, tangent there, and any point v
         inner = np.linspace(x[:-1], x[1:], _BALLS_PER_PIECE, endpoint=False, axis=1).ravel()
         u = np.concatenate([x[0] - _BALL_TAILS[::-1], inner, x[-1] + _BALL_TAILS])
@@ -153,7 +153,8 @@ class Plateau:
         width = np.diff(start, append=start[-1])
         bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * width])
         flattest = np.maximum(np.abs(c1) - np.abs(bends).max(axis=0) * width, 0.0)
-        return np.asarray(bends / (1.0 + flattest**2) ** 1.5)
+        stretch = np.sqrt(1.0 + flattest**2)
+        return np.asarray(bends / (stretch * stretch * stretch))
 
     @property
     def curvature(self) -> float:
@@ -174,14 +175,9 @@ class Plateau:
         return np.stack([x, height_of(self.pieces, x)], axis=1)
 
 
-def _tibial_pieces(x: Floats, y: Floats, ends: Any) -> Floats:
-    """Return `Surfaces.tibia` of a spline through points x, y [m] with SciPy's condition at its ends."""
-    # The import takes 0.9 s, which a circle on a plane does not need.
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(x, y, bc_type=ends)
-    before, behind = np.column_stack([x, y, spline(x, 1), 0.0 * x, 0.0 * x])[[0, -1]]
-    pieces = np.vstack([before, np.column_stack([x[:-1], spline.c[::-1].T]), behind])
+def _tibial_pieces(x: Floats, y: Floats, ends: Ends) -> Floats:
+    """Return `Surfaces.tibia` of a spline through points x, y [m]."""
+    pieces = pieces_through(x, y, ends)
     return np.column_stack([pieces, np.full(len(pieces), math.inf)])
 
 
