@@ -35,10 +35,12 @@ def mode_of(rerun):
 
 def knee_contact_node(context):
     """Node with the parameters that were given as arguments; the others come from the parameter file."""
+    rerun = LaunchConfiguration("rerun").perform(context)
+    mode = mode_of(rerun)
     texts = {
         "record.path": LaunchConfiguration("record").perform(context),
-        "rerun.mode": mode_of(LaunchConfiguration("rerun").perform(context)),
-        "rerun.path": LaunchConfiguration("rerun").perform(context),
+        "rerun.mode": mode,
+        "rerun.path": rerun if mode == "file" else "",
     }
     given = {name: ParameterValue(text, value_type=str) for name, text in texts.items() if text}
     if LaunchConfiguration("clock").perform(context) == "true":

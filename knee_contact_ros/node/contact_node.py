@@ -245,8 +245,13 @@ class ContactSession(Session):
             (CHECK_PERIOD, health.check_answers),
         ]
         self._open_outputs()
-        if parameters.rerun.mode in ("serve", "spawn"):
-            url = server_address(parameters.rerun.port)
+        rerun = parameters.rerun
+        if rerun.path and rerun.mode != "file":
+            node.get_logger().warning(
+                f"rerun.path {rerun.path!r} is not written: rerun.mode is {rerun.mode}, not file"
+            )
+        if rerun.mode in ("serve", "spawn"):
+            url = server_address(rerun.port)
             node.get_logger().info(
                 f"the scene is served on this machine at {url}; to see it: knee-contact view {url}"
             )

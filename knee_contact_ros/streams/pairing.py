@@ -26,6 +26,8 @@ INPUT_REJECTED = int(Status.INPUT_REJECTED)
 DIFFERING_TIME = NANOSECONDS
 """Time [ns] for which the stamps of both streams must differ before answers are flagged. Tuned; with less, bursts of
 one stream would count (tests/streams/test_pairing.py)."""
+LONG_AGO = -(2**63)
+"""Stamp [ns] before all others"""
 
 
 class PairedSample(NamedTuple):
@@ -73,7 +75,7 @@ class Synchroniser:
         self.clock_sets = ClockSets(self._max_gap, self._flag_apart)
         """Whether the clock of one stream was set by less than `pairing.max_gap`"""
         for time in (self.angle_time, self.load_time):
-            time.on_doubt, time.on_settled = self._note_doubt, self.clock_sets.judge
+            time.on_doubt, time.on_settled = self._note_doubt, self._note_settled
         self.unrecorded_angles = 0
         """Number of angles in no pair, because more than `pairing.queue` came between two loads"""
         self.waiting_loads: deque[LoadSample] = deque()
@@ -241,8 +243,8 @@ class Synchroniser:
     def _compare_clocks(self, stamp: int, of_load: bool) -> None:
         """Compare a stamp [ns], as it came, with the other stream's last one, if that came before it.
 
-        If streams come in turns for a second and differ all that time, their clocks differ or one has a latency. With
-        bursts this does not happen, as their last samples are at the other stream's time.
+        If streams come in turns for a second and differ all that time, their clocks differ or one has a latency; after
+        a jump at once. With bursts this does not happen, as their last samples are at the other stream's time.
         """
         if of_load == self.load_came_last or self.load_time.is_recorded:
             return
@@ -254,6 +256,7 @@ class Synchroniser:
         if abs(stamp - other) <= self._max_gap:
             self._differing_since = None
             if self.clocks_differ:
+                self._differing_since = LONG_AGO  # the stamp may be wrong
                 self._set_clocks_differ(False)
         elif of_load and (self._differing_since is None or stamp < self._differing_since):
             self._differing_since = stamp
@@ -266,6 +269,12 @@ class Synchroniser:
     def _note_doubt(self) -> None:
         faster = min(self.angle_time.step_limit, self.load_time.step_limit)
         self.clock_sets.note_doubt(faster // LONG_STEP)
+
+    def _note_settled(self, step: int) -> None:
+        """Judge the clocks after a step [ns]; if it is a jump, they differ as soon as their stamps do."""
+        if not 0 < step <= self._max_gap:
+            self._differing_since = LONG_AGO
+        self.clock_sets.judge(not 0 < step <= 2 * self._max_gap)
 
     def _flag_apart(self) -> None:
         """Flag all answers while the clock of one stream is set beside the other; its step is no hole."""

@@ -123,8 +123,8 @@ class Timeline(Generic[S]):
         """Whether the newest sample did not continue the stream, or samples are held back"""
         self.on_doubt: Callable[[], object] = lambda: None
         """Function that is called when a sample does not continue the stream"""
-        self.on_settled: Callable[[bool], object] = lambda _: None
-        """Function that is called when the stream goes on after such a sample, with whether it has jumped"""
+        self.on_settled: Callable[[int], object] = lambda _: None
+        """Function that is called when the stream goes on after such a sample, with the step [ns] there"""
         self.step_limit = max_gap
         """Longest step [ns] that continues the stream"""
         self._max_gap = max_gap
@@ -249,7 +249,7 @@ class Timeline(Generic[S]):
         if not self.is_doubtful:
             self._doubt()
         self.is_doubtful = bool(self.held_back)
-        self.on_settled(not 0 < step <= 2 * self._max_gap)
+        self.on_settled(step)
 
     def _reject_held_back(self, rejected: int) -> None:
         """Hold no samples back any more, and count this number of them as refused."""

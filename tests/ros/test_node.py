@@ -93,8 +93,8 @@ def test_a_subject_file_gives_the_node_the_knee_of_python(peer, start_node, tmp_
     assert_bits_of_python(peer, str(path))
 
 
-def test_a_silent_input_is_named(peer, start_node):
-    node = start_node("-r", "joint_states:=/exo/joint_states")
+def test_a_silent_input_and_a_file_that_is_not_written_are_named(peer, start_node):
+    node = start_node("-r", "joint_states:=/exo/joint_states", "-p", "rerun.path:=knee.rrd")
     peer.wait_until(
         lambda: peer.force.get_subscription_count() and peer.node.count_publishers("/diagnostics")
     )
@@ -117,6 +117,7 @@ def test_a_silent_input_is_named(peer, start_node):
     peer.node.destroy_publisher(other)
     assert "write knee.source: joint_states std_msgs/Float64 data on arrival" in output
     assert "listening to /exo/joint_states and /joint_reaction_force" in output
+    assert "rerun.path 'knee.rrd' is not written: rerun.mode is off, not file" in output
     assert output.count("nothing received on /exo/joint_states") == 1
     assert re.search(r"for 5 s or more, in ROS domain \d+, discovery range \w+", output)
 
