@@ -49,6 +49,9 @@ UNTRUSTED = {
 """Status bits of an answer that must not drive a torque: together `KneeContact.UNUSABLE`. One refused sample
 (INPUT_REJECTED) is no reason: if all are refused, no answers come, and the time-out sees that."""
 
+OTHERS_TIME = 1.0
+"""Time [s] that such an answer counts: those of the other node do not say so"""
+
 
 # 1. The law: plain numbers in, a torque out. No ROS, no clock: it can be tested, and read, by itself.
 
@@ -104,13 +107,17 @@ class AssistLaw:
         self.doubt = "no answer yet"
         """Why the torque goes to zero; empty if it does not"""
         self._force = math.inf
-        self._heard = -math.inf
+        self._heard = self._others_heard = -math.inf
         self._doubt_about_answer = ""
         self._commanded: float | None = None
         self._stopped = False
 
     def hear(self, now: float, contact_force: float, status: int, error_estimate: float) -> None:
         """Take an answer of the node, heard at `now` [s]: contact force [N], status bits, error estimate [m]."""
+        if status & KneeContact.SEVERAL_PUBLISHERS:
+            self._others_heard = now
+        elif now - self._others_heard < OTHERS_TIME:
+            status |= KneeContact.SEVERAL_PUBLISHERS
         doubts = [reason for bit, reason in UNTRUSTED.items() if status & bit]
         if not math.isfinite(contact_force):
             doubts.append(f"the contact force is {contact_force}")

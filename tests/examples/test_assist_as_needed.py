@@ -129,6 +129,15 @@ def test_each_flag_of_an_answer_is_told_as_the_doubt():
         assert (law.doubt, law.usable) == (UNTRUSTED[int(bit)], False)
 
 
+def test_answers_of_another_node_without_a_flag_drive_no_torque():
+    law = law_at_nominal()
+    for number in range(200):
+        law.hear(1.005 + 0.005 * number, LOW, 0 if number % 20 else Status.SEVERAL_PUBLISHERS, 0.0)
+        law.command(1.005 + 0.005 * number)
+    assert law.torque == 0.0
+    assert torques(law, 3.0, LOW)[0] > 0.0
+
+
 def test_stopped_it_goes_to_zero_whatever_comes():
     law = law_at_nominal()
     law.stop()
