@@ -347,6 +347,8 @@ class Window:
             return None
         stamp = GRID_PERIOD * (self._origin + at)
         begin, end = np.searchsorted(self._stamps, (stamp - NEARBY, stamp + NEARBY + 1))
+        if begin == end:  # it lies in a pause
+            return None
         largest = int(begin + self._samples[begin:end, 1].argmax())
         load = float(self._samples[largest, 1])
         stance = self._load[max(at - LOADING_TIME, 0) : at + LOADING_TIME + 1].max()

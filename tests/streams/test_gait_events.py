@@ -111,6 +111,15 @@ def test_load_peaks_are_samples_and_events_say_what_they_are():
     assert {"toe-off at 49° of flexion", "heel strike at 2° of flexion"} <= texts
 
 
+def test_a_maximum_in_a_pause_is_no_peak():
+    """The filter finds it 55 ms before the pause of 0.3 s ends, where the load is only a little higher."""
+    times = np.r_[np.arange(0.0, 2.001, 0.005), np.arange(2.3, 4.5, 0.005)]
+    load = 1000.0 - 2000.0 * np.maximum(2.0 - times, 0.0)
+    load = np.where(times > 2.2, 1000.1 - 2000.0 * (times - 2.3), load)
+    stamps = np.round(1e9 * times).astype(np.int64)
+    assert found((stamps, np.zeros(len(times)), load)) == []
+
+
 @pytest.mark.parametrize("top", [1.5, 0.95, 0.8])
 def test_both_humps_of_a_lightly_loaded_compartment_are_peaks(top):
     stamps, angle, load = walking(200.0, 8.0)
