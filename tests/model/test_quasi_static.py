@@ -15,7 +15,10 @@ from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import QUASI_STATIC
 from knee_contact_ros.model.types import Status
 from studies.choosing.surfaces import read_points
-from studies.honesty.scenes import ARTHRITIC, FEMUR, HEALTHY, shipped
+from studies.honesty.judging import judge
+from studies.honesty.ours import model as answers_of
+from studies.honesty.scenes import ARTHRITIC, FEMUR, HEALTHY, Scene, shipped
+from studies.honesty.truth import reference
 from tests.helpers.needs import needs_compiler
 from tests.model.scenes import FORWARDS, HINGE, TO_AND_FRO, plateau
 
@@ -87,3 +90,20 @@ def test_what_is_left_out_is_covered():
                 right & (error <= series.error_estimate + best.error_estimate + ROUNDING)
             ).sum()
     assert covered >= 0.999 * known  # what the studies ask for
+
+
+def test_a_circle_is_covered_as_a_reference_that_shares_no_code_has_it():
+    random, known, covered = np.random.default_rng(92), 0, 0
+    for number in range(24):
+        family, slope = (HEALTHY, ARTHRITIC)[number % 2], (0.0, -0.1)[number // 2 % 2]
+        law, constants = shipped(family)
+        scene = Scene(
+            number, "", law, constants, FEMUR, (0.034, 0.034), slope, False, "", *motion(random)
+        )
+        for tolerance in (1e-4, 1e-6):
+            series = answers_of(scene, "quasi_static", tolerance)
+            depth = judge(series, reference(scene), tolerance).depth
+            assert not depth.wrong.any()
+            known += depth.known.sum()
+            covered += depth.covered[depth.known].sum()
+    assert covered >= 0.999 * known > 0.0
