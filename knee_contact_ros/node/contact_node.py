@@ -349,10 +349,11 @@ class ContactSession(Session):
         self._markers.newest = answer
         self._strides.add_answer(answer)
         self.health.rows.append(rows)
-        levels, flags = zip(*COUNTED.iter_unpack(rows), strict=True)
-        status = flags[0] | flags[-1]
+        status = 0
+        for level, bits in COUNTED.iter_unpack(rows):  # noqa: B007  (that of the last one counts)
+            status |= bits
         deadline = self.parameters.deadline
-        self.health.counts.count_answer(levels[-1], status, end - begin, latency, deadline)
+        self.health.counts.count_answer(level, status, end - begin, latency, deadline)
 
 
 CONTACT_NODE = NodeKind(Parameters, CHANGEABLE_CONTACT_PARAMETERS, ContactSession)

@@ -5,6 +5,7 @@ They communicate through a pair of sockets: the node sends module and arguments,
 and finally the `Ending`; the process sends `Report`s. The socket also shows each side when the other one has ended.
 """
 
+import marshal
 import math
 import pickle
 import select
@@ -17,7 +18,7 @@ from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..bags.provenance import PARAMETERS_CHANGED
 from ..bags.recorder import MB, check_recordable
@@ -292,68 +293,120 @@ def size_of(item: Any) -> int:
 
 
 RECORDER = "recorder"
+LONGEST_BLOCK = NANOSECONDS // 100
+"""Longest time [ns] after which a block of the ring ends, so that a snapshot may begin there"""
 MAX_ENDING = 4
 """Largest number of recordings being completed at a time, each a process"""
 
 
+class Block(NamedTuple):
+    """Answers of the ring that came behind each other, or a note."""
+
+    begin: int
+    """Time [ns] of the first one"""
+    end: int
+    """Time [ns] of the last one"""
+    state: RunState | None
+    """State of the run before the first one"""
+    number: int
+    """Number of answers"""
+    size: int
+    """Memory [B] that they take while they wait"""
+    content: bytes | Note
+    """The answers in the form of `marshal`, or the note"""
+
+
 class Ring:
-    """Last answers, and the notes between them, for a snapshot; bounded by their time, number and memory."""
+    """Last answers, and the notes between them, for a snapshot; bounded by their time, number and memory.
+
+    They are kept in blocks of bytes: thousands of objects that live for seconds would drive all else out of the
+    processor's cache.
+    """
 
     def __init__(self, duration: float, most: int, room: float, run_state: StateGetter) -> None:
         """Keep the answers of the last `duration` [s], up to a largest number and memory [B]; none for a duration of 0.
 
-        Their time is that of their stamps, without the steps back of a clock that was set. `run_state` is called after
-        each item, as a snapshot may begin there.
+        Their time is that of their stamps, without the steps back of a clock that was set. `run_state` is called at the
+        end of each block, as a snapshot may begin there.
         """
         self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
+        self._period = min(self._duration // 100, LONGEST_BLOCK)
         self._run_state = run_state
         self._state: RunState | None = None
-        self._items: deque[tuple[int, TickOutput | Note, RunState | None]] = deque()
-        """Time [ns], answer or note, and the state before it"""
+        self._blocks: deque[Block] = deque()
+        self._newest: list[TickOutput] = []
+        """Answers that are in no block yet"""
         self._flags: list[Note] = []
         """Note of the bits that the kept answers have from the first one on, if any"""
-        self._now = self._last = self._size = 0
+        self._now = self._last = self._begin = self._end_at = self._number = self._size = 0
 
     def put_item(self, item: TickOutput | Note) -> None:
         """Keep an item, and forget what is too old.
 
         Answers before a change of parameters are forgotten, since a recording begins with one set of parameters.
         """
-        items = self._items
+        if not self._duration:
+            return
         if isinstance(item, TickOutput):
             before, self._last = self._last, item.records[-1][1]
             self._now += max(self._last - before, 0)
-        elif item.name == PARAMETERS_CHANGED and any(
+            if not self._newest:
+                self._begin = self._now
+            self._newest.append(item)
+            if self._now >= self._end_at:
+                self._end_block()
+            return
+        self._end_block()
+        if item.name == PARAMETERS_CHANGED and any(
             not name.startswith(("record.", TICK)) for name in item.values
         ):
-            notes = [one for _, one, _ in items if isinstance(one, Note)]
+            notes = [one.content for one in self._blocks if isinstance(one.content, Note)]
             self._flags = [one for one in (*self._flags, *notes) if one.name == ANSWERS_FLAGGED][
                 -1:
             ]
-            items.clear()
-            self._size = 0
-        items.append((self._now, item, self._state))
-        self._state = self._run_state()
-        self._size += size_of(item) + RUN_STATE_BYTES
+            self._blocks.clear()
+            self._number = self._size = 0
+        self._keep(Block(self._now, self._now, self._state, 0, ANSWER_SIZE, item))
+
+    def _end_block(self) -> None:
+        newest, self._newest = self._newest, []
+        if newest:
+            size = sum(map(size_of, newest)) + RUN_STATE_BYTES
+            content = marshal.dumps([tuple(item) for item in newest])
+            self._keep(Block(self._begin, self._now, self._state, len(newest), size, content))
+        self._state, self._end_at = self._run_state(), self._now + self._period
+
+    def _keep(self, block: Block) -> None:
+        blocks = self._blocks
+        blocks.append(block)
+        self._number += block.number
+        self._size += block.size
         oldest = self._now - self._duration
-        while items and (
-            len(items) > self._most
+        while blocks and (
+            blocks[0].end <= oldest
+            or self._number > self._most
             or self._size > self._room
-            or isinstance(items[0][1], Note)
-            or items[0][0] <= oldest
+            or isinstance(blocks[0].content, Note)
         ):
-            forgotten = items.popleft()[1]
-            self._size -= size_of(forgotten) + RUN_STATE_BYTES
-            if isinstance(forgotten, Note) and forgotten.name == ANSWERS_FLAGGED:
-                self._flags = [forgotten]
+            forgotten = blocks.popleft()
+            self._number -= forgotten.number
+            self._size -= forgotten.size
+            if isinstance(forgotten.content, Note) and forgotten.content.name == ANSWERS_FLAGGED:
+                self._flags = [forgotten.content]
 
     def kept_items(self) -> tuple[list[TickOutput | Note], float, RunState | None]:
         """The kept items, oldest first, the time [s] from the first answer to the last, and the state before them."""
-        if not self._items:
+        self._end_block()
+        if not self._blocks:
             return [], 0.0, None
-        begin, _, state = self._items[0]
-        items = [*self._flags, *(item for _, item, _ in self._items)]
-        return items, (self._now - begin) / NANOSECONDS, state
+        items: list[TickOutput | Note] = [*self._flags]
+        for block in self._blocks:
+            if isinstance(block.content, Note):
+                items.append(block.content)
+            else:
+                items += [TickOutput(*one) for one in marshal.loads(block.content)]  # noqa: S302  (our own)
+        first = self._blocks[0]
+        return items, (self._now - first.begin) / NANOSECONDS, first.state
 
 
 class Outputs:

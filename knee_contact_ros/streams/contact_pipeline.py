@@ -166,11 +166,10 @@ class ContactAnswer(NamedTuple):
         """Messages to record, the wrench last."""
         load = self.pair.load
         stamp = load.stamp
-        answers = zip(CONTACT_TOPICS, self.messages, strict=False)
         return (
             *[(JOINT_STATES, angle.message_stamp, angle.data) for angle in self.pair.angles],
             (JOINT_REACTION_FORCE, stamp, load.data),
-            *[(topic, stamp, message) for topic, message in answers],
+            *zip(CONTACT_TOPICS, (stamp, stamp), self.messages, strict=False),
             (KNEE_CONTACT_WRENCH, stamp, self.wrench),
         )
 

@@ -127,8 +127,10 @@ class Layout:
             *self._slots
         )
         """Takes the numbers of each field out of the parts of a message"""
-        self._pick = itemgetter(0, *self.known)
-        self._fixed = (data[:2], *self.known.values())
+        self.pick = itemgetter(0, *self.known)
+        """Takes those parts of a message that all messages of this shape have in common"""
+        self.fixed = (data[:2], *self.known.values())
+        """Those parts"""
         packing = struct.Struct("".join(self._form) + f"{trailing}x")
         self.unpack: Callable[[bytes], tuple[Any, ...]] = packing.unpack
         """Splits the bytes of a message into its parts; padding, which may contain old memory, is skipped"""
@@ -148,10 +150,6 @@ class Layout:
         return np.dtype(
             {"names": names, "formats": formats, "offsets": offsets, "itemsize": self.length}
         )
-
-    def fits(self, parts: tuple[Any, ...]) -> bool:
-        """Whether the parts of a message, from `unpack`, have this shape."""
-        return bool(self._pick(parts) == self._fixed)
 
     def parts(self, content: JointState | WrenchStamped) -> list[Any]:
         """Parts, for `pack`, of a content of this shape."""
@@ -221,7 +219,7 @@ class Coder(Generic[Content]):
             received = data if type(data) is bytes else bytes(data)
             layout = self._layouts.get(len(received))
             parts = layout.unpack(received) if layout else ()
-            if layout is None or not layout.fits(parts):
+            if layout is None or layout.pick(parts) != layout.fixed:
                 layout = self._read(received)
                 parts = layout.unpack(received)
             if parts[2] >= NANOSECONDS:  # no such time exists, and nobody knows which one is meant

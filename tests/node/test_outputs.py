@@ -61,7 +61,9 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path, asked, exp
 
 
 def test_a_snapshot_is_no_larger_than_the_queue(started, tmp_path):
-    ring = Ring(1e3, 10**6, 1e6, lambda: None)
+    """It begins within 10 ms of where the queue would, and the state of the run is asked for no more often."""
+    asked = []
+    ring = Ring(1e3, 10**6, 1e6, lambda: asked.append(1))
     for number in range(3000):
         ring.put_item(answer(number))
     sink, (items, *_) = (
@@ -71,7 +73,9 @@ def test_a_snapshot_is_no_larger_than_the_queue(started, tmp_path):
     for item in items:
         sink.put_item(item)
     assert close(sink)
-    assert len(items) == 1_000_000 // (size_of(answer(0)) + RUN_STATE_BYTES)
+    most = 10 * (1_000_000 // (10 * size_of(answer(0)) + RUN_STATE_BYTES))
+    assert most - 10 <= len(items) <= most
+    assert 300 <= len(asked) <= 302
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))
 
 
