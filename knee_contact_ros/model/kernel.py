@@ -106,40 +106,43 @@ class Kernel:
     def __init__(self, knee: KneeConstants, *, compiled: bool) -> None:
         """Hold a knee; see `library` for what happens without one."""
         self.knee = knee
-        self._function = library() if compiled else None
-        self._constants = Constants(knee) if self._function else None
+        self._functions = library() if compiled else None
+        self._constants = Constants(knee) if self._functions else None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(Kernel, compiled=self._function is not None), (self.knee,)
+        return partial(Kernel, compiled=self._functions is not None), (self.knee,)
 
     def bind(self, state: Floats, samples: Floats, answers: Rows) -> Callable[[], object]:
         """Return a function that computes samples, shape (n, 4), from a state into answers, shape (n,).
 
         All arrays are contiguous. Their addresses are looked up once, which takes longer than a tick.
         """
-        if self._function is None or self._constants is None:
+        if self._functions is None or self._constants is None:
             return partial(ticks.run, self.knee, state, samples, *kernel_views(answers))
         places = [array.ctypes.data for array in (state, samples, answers)]
         knee, run, data, rows = map(ctypes.c_void_p, (self._constants.address, *places))
-        bound = partial(self._function, knee, run, data, ctypes.c_int64(len(samples)), rows)
+        function = self._functions[len(samples) == 1]
+        bound = partial(function, knee, run, data, ctypes.c_int64(len(samples)), rows)
         vars(bound)["kept"] = self._constants, state, samples, answers  # they live as long as it
         return bound
 
 
 @cache
-def library() -> Callable[..., int] | None:
-    """Return the function of the library, which is built first if it is missing; None, with a warning, without it."""
+def library() -> list[Callable[..., object]] | None:
+    """Return the function of the library, which is built first if it is missing; None, with a warning, without it.
+
+    It comes twice: other threads of Python run beside the first, and wait for the second, which takes less for a tick.
+    """
     try:
-        loaded = ctypes.CDLL(str(library_file()))
-        function: Any = loaded[FAST_ENTRY if has_fast_processor() else ENTRY]
+        file, entry = str(library_file()), FAST_ENTRY if has_fast_processor() else ENTRY
+        functions: list[Any] = [kind(file)[entry] for kind in (ctypes.CDLL, ctypes.PyDLL)]
     except (BuildError, OSError) as error:
         text = "knee_contact_ros: there is no compiled model (%s); the plain one computes, slowly"
         _log.warning(text, " ".join(str(error).split()))
         return None
-    pointer = ctypes.c_void_p
-    function.argtypes = pointer, pointer, pointer, ctypes.c_int64, pointer
-    function.restype = ctypes.c_int32
-    return function  # type: ignore[no-any-return]
+    for function in functions:
+        function.restype = None
+    return functions
 
 
 def has_fast_processor() -> bool:
