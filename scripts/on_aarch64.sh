@@ -44,7 +44,7 @@ fi
 
 "$here/.venv/bin/uv" pip install --quiet --target "$work/site" --python-version 3.11 \
     --python-platform aarch64-manylinux_2_28 --only-binary :all: --requirements "$here/pyproject.toml" \
-    "pytest>=8,<9.2" hypothesis numba pandas psutil tabulate
+    "pytest>=8,<9.2" hypothesis matplotlib numba pandas psutil tabulate
 "$here/.venv/bin/uv" pip install --quiet --target "$work/tools" "ziglang>=0.13"
 
 rm -rf "$checkout"
@@ -62,6 +62,7 @@ cat >"$checkout/.venv/bin/cc" <<EOF
 exec env --unset PYTHONHOME PYTHONPATH="$work/tools" "$python" -m ziglang cc -target aarch64-linux-gnu.2.36 "\$@"
 EOF
 chmod +x "$checkout/.venv/bin/python" "$checkout/.venv/bin/cc"
+ln -sfn "$checkout" "$work/root/usr/share/knee_contact_ros"  # where a copy of the package finds its parameter files
 (cd "$checkout" && PYTHONPATH="$checkout:$work/tools" "$python" - <<'EOF'
 from pathlib import Path
 
