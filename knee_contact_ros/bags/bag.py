@@ -173,8 +173,11 @@ class Bag:
             except (OSError, UsageError, zstandard.ZstdError) as error:
                 faults = [str(getattr(error, "strerror", None) or error)]
             self.damage += [f"{path.name}: {fault}" for fault in faults]
-        if all(NUMBERED.fullmatch(file.path.name) for file in self.files):
-            # In the order of recording, whatever the clock was.
+        names = [file.path.name for file in self.files]
+        numbered = [*filter(None, map(NUMBERED.fullmatch, names))]
+        first = {*names} - {match[0] for match in numbered}
+        if not first or first == {match[1] + match[3] for match in numbered}:
+            # In the order of recording, whatever the clock was; our `run.mcap` comes before `run_1.mcap`.
             self.files.sort(key=lambda file: file_number(file.path.name))
         else:
             self.files.sort(

@@ -7,6 +7,7 @@ import pytest
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
+from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.mcap_writer import McapWriter
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter, FileLimits
 from knee_contact_ros.streams.topics import Ending
@@ -57,6 +58,15 @@ def sequences(paths):
 def names(folder):
     """Of all files."""
     return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("first", ["knee.mcap", "knee_0.mcap"])
+def test_files_have_their_order_where_the_clock_was_set_back(tmp_path, first):
+    record(tmp_path / first, [*range(300, 450), *range(150)], FileLimits(duration=100 * MS))
+    with Bag(tmp_path) as bag:
+        found = [file.path.name for file in bag.files]
+    assert found == [first, *(f"knee_{number}.mcap" for number in range(1, len(found)))]
+    assert len(found) == 4
 
 
 @pytest.mark.parametrize("first", ["knee.mcap", "knee_0.mcap"])
