@@ -37,6 +37,8 @@ _CONVERSIONS = {
     ".mvnx": f"content = xml.etree.ElementTree.parse(FILE) (jointAngle of each frame); {_WRITE}",
 }
 """Lines of Python that make a table of other files, by their suffixes"""
+_LARGEST_TEXT = 2**28
+"""Largest size of a table as text [B]: an hour at 1 kHz of 8 columns"""
 END_OF_HEADER = "endheader"
 """Last line of a storage file's header"""
 COMMENT = "#"
@@ -292,7 +294,12 @@ def _read_text(path: Path, encoding: str = "auto") -> tuple[str, tuple[str, ...]
     """Read a text, and note its encoding: UTF-16 if it has the mark, else UTF-8 if valid, else Windows-1252."""
     try:
         with open_regular(path) as file:
-            data = file.read()
+            data = file.read(_LARGEST_TEXT + 1)
+        if len(data) > _LARGEST_TEXT:
+            raise UsageError(
+                f"{path} has more than {_LARGEST_TEXT / 1e6:.0f} MB, which is read at most: cut it, or save it as "
+                "Parquet"
+            )
         if encoding != "auto":
             return data.decode(codecs.lookup(encoding).name, errors="replace"), ()
         if data[:2] in {b"\xff\xfe", b"\xfe\xff"}:

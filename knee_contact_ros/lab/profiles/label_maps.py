@@ -47,6 +47,14 @@ _DECODERS: dict[str, Callable[[bytes, int], bytes]] = {
 """Functions that unpack the voxels up to a number of bytes, by the encodings in headers"""
 _MOST_VOXELS = 2**26
 """Largest number of voxels: a map of a knee has 512 x 512 x 200 at most"""
+_MOST_IN_TEXT = 2**22
+"""Largest number of voxels that are written as text, each of which takes some 70 B while it is read"""
+_TEXTS = ("text", "txt", "ascii")
+"""Encodings of voxels as text"""
+_LONGEST = 32
+"""Longest number of a text [B]"""
+_LARGEST_LEAD = 2**26
+"""Largest number of bytes before the voxels of NIfTI: in a packed file they may be very many"""
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1e3}
 """Factors of units of length to mm"""
@@ -78,9 +86,11 @@ def read_label_map(path: Path) -> LabelMap:
     values = found.values
     if values.ndim > 3 and set(values.shape[3:]) == {1}:
         values = values.reshape(values.shape[:3])
-    if values.ndim != 3 or not values.size or abs(np.linalg.det(found.affine)) < 1e-12:
+    is_map = values.ndim == 3 and values.size and values.dtype.kind in "biuf"
+    if not is_map or abs(np.linalg.det(found.affine)) < 1e-12:
         raise UsageError(
-            f"{path}: its voxels have the shape {values.shape}; a map of three dimensions is needed"
+            f"{path}: its voxels have the shape {values.shape} and the type {values.dtype}; a map of numbers in three "
+            "dimensions is needed"
         )
     return found._replace(values=values)
 
@@ -90,6 +100,8 @@ def _read_nifti(path: Path) -> LabelMap:
 
     image: Any = nibabel.load(path)
     _check_size(image.shape)
+    if image.dataobj.offset > _LARGEST_LEAD:
+        raise ValueError(f"its voxels begin at byte {image.dataobj.offset}")
     values = np.asarray(image.dataobj)
     affine = np.array(image.affine, np.float64)
     if image.header["sform_code"] or image.header["qform_code"]:
@@ -99,18 +111,22 @@ def _read_nifti(path: Path) -> LabelMap:
 
 
 def _read_nrrd(path: Path) -> LabelMap:
-    content = path.read_bytes()
-    end = re.search(rb"\r?\n\r?\n", content[:_LARGEST_HEADER])
-    head = content[: end.start()] if end else content
-    data = content[end.end() :] if end else b""
-    if not head.startswith(b"NRRD"):
-        raise ValueError("it does not begin with NRRD")
-    fields = _fields(head, ":")
-    skips = {fields.get("byte skip", "0"), fields.get("line skip", "0")}
-    if fields.get("dimension") != "3" or skips != {"0"}:
-        raise ValueError("a map has dimension 3, without byte skip and line skip")
-    if name := fields.get("data file") or fields.get("datafile"):
-        data = _data_file(path, name, fields["sizes"])
+    with open_regular(path) as file:
+        content = file.read(_LARGEST_HEADER)
+        end = re.search(rb"\r?\n\r?\n", content)
+        head = content[: end.start()] if end else content
+        if not head.startswith(b"NRRD"):
+            raise ValueError("it does not begin with NRRD")
+        fields = _fields(head, ":")
+        skips = {fields.get("byte skip", "0"), fields.get("line skip", "0")}
+        if fields.get("dimension") != "3" or skips != {"0"}:
+            raise ValueError("a map has dimension 3, without byte skip and line skip")
+        most = _most_bytes(fields["type"], fields["sizes"], fields["encoding"])
+        if name := fields.get("data file") or fields.get("datafile"):
+            data = _data_file(path, name, most)
+        else:
+            file.seek(end.end() if end else len(content))
+            data = file.read(most) if end else b""
     is_big = fields.get("endian") == "big"
     values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], is_big)
     space = fields.get("space", "")
@@ -126,21 +142,27 @@ def _read_nrrd(path: Path) -> LabelMap:
 
 
 def _read_meta_image(path: Path) -> LabelMap:
-    head, key, rest = path.read_bytes().partition(b"ElementDataFile")
-    if not key:
-        raise ValueError("it has no ElementDataFile")
-    line, _, data = rest.partition(b"\n")
-    fields = _fields(head, "=")
-    name = line.decode().strip(" =\r")
-    if name.upper() != "LOCAL":
-        data = _data_file(path, name, fields["dimsize"])
+    with open_regular(path) as file:
+        content = file.read(_LARGEST_HEADER)
+        head, key, rest = content.partition(b"ElementDataFile")
+        if not key:
+            raise ValueError("it has no ElementDataFile")
+        line, _, data = rest.partition(b"\n")
+        fields = _fields(head, "=")
 
-    def first(names: str, default: str = "") -> str:
-        """Return the first entry that is there."""
-        return next((fields[name] for name in names.split() if name in fields), default)
+        def first(names: str, default: str = "") -> str:
+            """Return the first entry that is there."""
+            return next((fields[name] for name in names.split() if name in fields), default)
 
-    kind = fields["elementtype"].lower().removeprefix("met_").replace("_", "")
-    encoding = "zlib" if first("compresseddata").lower() == "true" else "raw"
+        kind = fields["elementtype"].lower().removeprefix("met_").replace("_", "")
+        encoding = "zlib" if first("compresseddata").lower() == "true" else "raw"
+        most = _most_bytes(kind, fields["dimsize"], encoding)
+        name = line.decode().strip(" =\r")
+        if name.upper() == "LOCAL":
+            file.seek(len(content) - len(data))
+            data = file.read(most)
+        else:
+            data = _data_file(path, name, most)
     is_big = first("binarydatabyteordermsb elementbyteordermsb").lower() == "true"
     values = _voxels(data, kind, fields["dimsize"], encoding, is_big)
     spacing = np.array(_numbers(fields.get("elementspacing", "1 1 1")))
@@ -153,23 +175,38 @@ def _read_meta_image(path: Path) -> LabelMap:
 
 
 def _check_size(shape: tuple[int, ...]) -> None:
-    """Refuse more voxels than any map of a knee has, before they are read."""
-    if math.prod(shape) > _MOST_VOXELS:
+    """Refuse no voxels, and more than any map of a knee has, before they are read."""
+    if min(shape, default=0) < 1 or math.prod(shape) > _MOST_VOXELS:
         raise ValueError(f"it has {' x '.join(map(str, shape))} voxels; crop it to the knee")
 
 
-def _data_file(header: Path, name: str, sizes: str) -> bytes:
-    """Read the file beside a header that this names, as far as the voxels of the given sizes may reach.
+def _most_bytes(kind: str, sizes: str, encoding: str) -> int:
+    """Return how many bytes the voxels of the given sizes may take in a file.
+
+    Raises:
+        ValueError: there are more voxels than any map of a knee has, or too many for a text.
+    """
+    shape = _shape(sizes)
+    _check_size(shape)
+    count = math.prod(shape)
+    if encoding not in _TEXTS:
+        size = _dtype(kind).itemsize * count
+        return size + size // 64 + _LARGEST_HEADER  # packed, random numbers take more
+    if count > _MOST_IN_TEXT:
+        raise ValueError(f"it has {count} voxels as text; write them raw or gzip")
+    return _LONGEST * count
+
+
+def _data_file(header: Path, name: str, most: int) -> bytes:
+    """Read the file beside a header that this names, up to a number of bytes.
 
     A header of strangers names no file elsewhere: what is in it would be told as labels.
     """
-    _check_size(_shape(sizes))
     path = header.parent / name
     if path.resolve().parent != header.parent.resolve():
         raise ValueError(f"it names {name}, and may name only a file beside it")
     with open_regular(path) as file:
-        # A voxel has at most 32 B as text, and fewer in other encodings.
-        return file.read(32 * math.prod(_shape(sizes)))
+        return file.read(most)
 
 
 def _fields(head: bytes, mark: str) -> dict[str, str]:
@@ -196,17 +233,23 @@ def _shape(sizes: str) -> tuple[int, ...]:
     return tuple(int(size) for size in _numbers(sizes))
 
 
-def _voxels(data: bytes, kind: str, sizes: str, encoding: str, is_big: bool) -> NDArray[Any]:
-    """Decode the numbers of voxels, the first axis fastest."""
+def _dtype(kind: str) -> np.dtype[Any]:
+    """Return the NumPy type of a type in a header."""
     for old, new in (("unsigned ", "u"), ("signed ", "")):
         kind = kind.replace(old, new)
     kind = kind.removesuffix(" int").removesuffix("_t")
-    name = _NUMPY_TYPES.get(kind, kind.replace(" ", ""))
-    dtype = np.dtype(name).newbyteorder(">" if is_big else "<")
+    dtype = np.dtype(_NUMPY_TYPES.get(kind, kind.replace(" ", "")))
+    if dtype.kind not in "biuf" or dtype.itemsize > 8:
+        raise ValueError(f"its voxels have the type {dtype}")
+    return dtype
+
+
+def _voxels(data: bytes, kind: str, sizes: str, encoding: str, is_big: bool) -> NDArray[Any]:
+    """Decode the numbers of voxels, the first axis fastest."""
+    dtype = _dtype(kind).newbyteorder(">" if is_big else "<")
     shape = _shape(sizes)
-    _check_size(shape)
     count = math.prod(shape)
-    if encoding in {"text", "txt", "ascii"}:
+    if encoding in _TEXTS:
         try:
             return np.array(data.split(), dtype).reshape(shape, order="F")
         except ValueError:  # its words may come from any file that a header names
