@@ -50,26 +50,18 @@ _DECIMAL_COMMA = re.compile(r"\s*[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))(?![^\s;])
 class TableFormat(Section):
     """Format of the files, where it cannot be recognised."""
 
-    header_line: int | None = Field(
-        None,
-        ge=1,
-        description="line with the names; default: the one with most of the names that the map has",
-    )
-    first_line: int | None = Field(
-        None, ge=2, description="line of the first row; default: the first with a number"
-    )
-    delimiter: str | None = Field(
-        None, min_length=1, max_length=1, description="default: as the names are divided"
-    )
-    decimal: Annotated[str, one_of("auto", ".", ",")] = Field(
-        "auto", description="auto: a comma where columns are not divided by commas"
-    )
-    encoding: str = Field(
-        "auto", description="as Python names it; auto: UTF-8, UTF-16 by its mark, or Windows-1252"
-    )
-    rows: dict[str, str | int | float] = Field(
-        {}, description="take only rows with these values in these columns"
-    )
+    header_line: int | None = Field(None, ge=1)
+    """Line with the names; default: the one with most of the names that the map has"""
+    first_line: int | None = Field(None, ge=2)
+    """Line of the first row; default: the first with a number"""
+    delimiter: str | None = Field(None, min_length=1, max_length=1)
+    """Default: as the names are divided"""
+    decimal: Annotated[str, one_of("auto", ".", ",")] = "auto"
+    """Auto: a comma where columns are not divided by commas"""
+    encoding: str = "auto"
+    """As Python names it; auto: UTF-8, UTF-16 by its mark, or Windows-1252"""
+    rows: dict[str, str | int | float] = Field({})
+    """Take only rows with these values in these columns"""
 
 
 class Header(NamedTuple):

@@ -47,19 +47,18 @@ _AXES = {f"{sign}{axis}": number for sign in "+-" for number, axis in enumerate(
 class Plates(Section):
     """Foot on the force plates of a C3D file."""
 
-    ankle: list[str] = Field(
-        [], description="markers whose mean is its centre; default: RTIO, RANK and such"
-    )
-    heel: str = Field("", description="marker; default: RHEE, or LHEE")
-    toe: str = Field("", description="marker; default: RTOE, or LTOE")
-    numbers: list[int] = Field(
-        [], description="of the plates that only this foot touches; default: found by its markers"
-    )
-    forward: Annotated[str, one_of("", *_AXES)] = Field(
-        "",
-        description="direction of walking, as +X; default: the way of the ankle, or of the foot",
-    )
-    file: str = Field("", description="pattern of the file's name, if several are C3D files")
+    ankle: list[str] = Field([])
+    """Markers whose mean is its centre; default: RTIO, RANK and such"""
+    heel: str = ""
+    """Marker; default: RHEE, or LHEE"""
+    toe: str = ""
+    """Marker; default: RTOE, or LTOE"""
+    numbers: list[int] = Field([])
+    """Of the plates that only this foot touches; default: found by its markers"""
+    forward: Annotated[str, one_of("", *_AXES)] = ""
+    """Direction of walking, as +X; default: the way of the ankle, or of the foot"""
+    file: str = ""
+    """Pattern of the file's name, if several are C3D files"""
 
 
 class _Foot(NamedTuple):

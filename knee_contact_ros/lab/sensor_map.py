@@ -15,9 +15,7 @@ from . import gait_bag
 from .headers import TableFormat
 from .plates import Plates
 from .tables import TimeColumn
-from .units import (
-    ColumnName,
-)
+from .units import ColumnName
 
 GROUND_CHANNELS = (
     "ground_force_x",
@@ -46,22 +44,20 @@ IMPORTED = (
 class MapChannel(Section):
     """A column, or a weighted sum of columns, of one file."""
 
-    column: ColumnName | None = Field(None, description="name, or place from 1")
-    columns: dict[ColumnName, float] | None = Field(
-        None, min_length=1, description="names or places, with weights"
-    )
-    unit: str = Field(description="of the sum")
-    scale: float = Field(1.0, description="which the sum is multiplied by, as a calibration says")
-    offset: float = Field(
-        0.0, description="in `unit`, added at the end, behind scale, sign and direction"
-    )
-    file: str = Field(
-        "",
-        description="pattern of the file's name, like *_motion.csv, if several have such columns",
-    )
-    time: TimeColumn | None = Field(
-        None, description="its own, where it has another clock or unit than the map's `time`"
-    )
+    column: ColumnName | None = None
+    """Name, or place from 1"""
+    columns: dict[ColumnName, float] | None = Field(None, min_length=1)
+    """Names or places, with weights"""
+    unit: str
+    """Of the sum"""
+    scale: float = 1.0
+    """Which the sum is multiplied by, as a calibration says"""
+    offset: float = 0.0
+    """In `unit`, added at the end, behind scale, sign and direction"""
+    file: str = ""
+    """Pattern of the file's name, like *_motion.csv, if several have such columns"""
+    time: TimeColumn | None = None
+    """Its own, where it has another clock or unit than the map's `time`"""
 
     @model_validator(mode="after")
     def _one_way(self) -> MapChannel:
@@ -86,9 +82,8 @@ class MapChannel(Section):
 class SignedChannel(MapChannel):
     """Angle of a joint, torque of its actuator, or a component of the ground's wrench."""
 
-    sign: Annotated[float, one_of(1.0, -1.0)] = Field(
-        1.0, description="1 if it is positive as ours is, or -1"
-    )
+    sign: Annotated[float, one_of(1.0, -1.0)] = 1.0
+    """1 if it is positive as ours is, or -1"""
 
     @property
     def orientation(self) -> float:
@@ -99,16 +94,12 @@ class SignedChannel(MapChannel):
 class Orientations(Section):
     """Orientations of two inertial sensors as quaternions, in columns of one file."""
 
-    thigh: ColumnName | list[ColumnName] = Field(
-        description="columns w, x, y, z; or what stands before .w, .x, .y, .z in their names"
-    )
-    shank: ColumnName | list[ColumnName] = Field(description="likewise")
-    standing: float = Field(
-        1.0,
-        ge=0.0,
-        le=3600.0,
-        description="[s] of standing at the beginning, which is the zero; 0: the axes agree in a straight knee",
-    )
+    thigh: ColumnName | list[ColumnName]
+    """Columns w, x, y, z; or what stands before .w, .x, .y, .z in their names"""
+    shank: ColumnName | list[ColumnName]
+    """Likewise"""
+    standing: float = Field(1.0, ge=0.0, le=3600.0)
+    """[s] of standing at the beginning, which is the zero; 0: the axes agree in a straight knee"""
 
     @property
     def names(self) -> list[ColumnName]:
@@ -131,10 +122,10 @@ class Orientations(Section):
 class AngleChannel(SignedChannel):
     """Flexion angle of the knee."""
 
-    joint: str = Field(gait_bag.JOINT, min_length=1, description="name in joint_states")
-    orientations: Orientations | None = Field(
-        None, description="of thigh and shank, in place of a column and its unit"
-    )
+    joint: str = Field(gait_bag.JOINT, min_length=1)
+    """Name in joint_states"""
+    orientations: Orientations | None = None
+    """Of thigh and shank, in place of a column and its unit"""
 
     @model_validator(mode="before")
     @classmethod
@@ -154,10 +145,8 @@ class AngleChannel(SignedChannel):
 class LoadChannel(MapChannel):
     """Axial load of the knee: the force that the femur exerts on the tibia, along the tibia."""
 
-    direction: Annotated[str, one_of("compression", "tension")] = Field(
-        "compression",
-        description="what a positive sum is; tension: as force.y of OpenSim's reaction on the tibia",
-    )
+    direction: Annotated[str, one_of("compression", "tension")] = "compression"
+    """What a positive sum is; tension: as force.y of OpenSim's reaction on the tibia"""
 
     @property
     def orientation(self) -> float:
@@ -170,70 +159,50 @@ class SensorMap(Section):
 
     table: TableFormat = TableFormat()
     time: TimeColumn = TimeColumn()
-    angle: AngleChannel = Field(description="knee, positive in flexion")
-    hip: SignedChannel | None = Field(
-        None, description="thigh to the vertical, positive with the knee ahead"
-    )
-    pelvis: SignedChannel | None = Field(
-        None,
-        description="its forward tilt, where `hip` is the angle of the thigh to the pelvis; taken off `hip`",
-    )
-    ankle: SignedChannel | None = Field(
-        None, description="positive in dorsiflexion, 0 at a right angle"
-    )
-    assistance: SignedChannel | None = Field(
-        None, description="torque of an actuator at the knee, in its angle's sense"
-    )
-    ankle_assistance: SignedChannel | None = Field(
-        None, description="torque at the ankle, in its angle's sense"
-    )
-    reference: AngleChannel | None = Field(
-        None, description="the angle that align compares `angle` with"
-    )
+    angle: AngleChannel
+    """Knee, positive in flexion"""
+    hip: SignedChannel | None = None
+    """Thigh to the vertical, positive with the knee ahead"""
+    pelvis: SignedChannel | None = None
+    """Its forward tilt, where `hip` is the angle of the thigh to the pelvis; taken off `hip`"""
+    ankle: SignedChannel | None = None
+    """Positive in dorsiflexion, 0 at a right angle"""
+    assistance: SignedChannel | None = None
+    """Torque of an actuator at the knee, in its angle's sense"""
+    ankle_assistance: SignedChannel | None = None
+    """Torque at the ankle, in its angle's sense"""
+    reference: AngleChannel | None = None
+    """The angle that align compares `angle` with"""
     load: LoadChannel | None = None
-    moment: MapChannel | None = Field(
-        None,
-        description="frontal moment about the middle of the plateau; > 0 loads the lateral compartment more",
-    )
-    ground_force: SignedChannel | None = Field(
-        None, description="vertical force of the ground on the foot, upwards"
-    )
-    ground_force_x: SignedChannel | None = Field(None, description="forwards")
-    ground_force_z: SignedChannel | None = Field(None, description="to the right")
-    ground_torque_x: SignedChannel | None = Field(
-        None, description="about the ankle's centre, forwards"
-    )
-    ground_torque_y: SignedChannel | None = Field(
-        None, description="about the ankle's centre, upwards"
-    )
-    ground_torque_z: SignedChannel | None = Field(
-        None, description="about the ankle's centre, to the right"
-    )
-    net_force: LoadChannel | None = Field(
-        None, description="axial force of the knee without muscles, by inverse dynamics"
-    )
-    net_moment: SignedChannel | None = Field(
-        None, description="its net moment without an actuator's, positive if it extends the knee"
-    )
-    plates: Plates | None = Field(
-        None,
-        description="foot on the force plates of a C3D file, in place of the channels ground_*",
-    )
+    moment: MapChannel | None = None
+    """Frontal moment about the middle of the plateau; > 0 loads the lateral compartment more"""
+    ground_force: SignedChannel | None = None
+    """Vertical force of the ground on the foot, upwards"""
+    ground_force_x: SignedChannel | None = None
+    """Forwards"""
+    ground_force_z: SignedChannel | None = None
+    """To the right"""
+    ground_torque_x: SignedChannel | None = None
+    """About the ankle's centre, forwards"""
+    ground_torque_y: SignedChannel | None = None
+    """About the ankle's centre, upwards"""
+    ground_torque_z: SignedChannel | None = None
+    """About the ankle's centre, to the right"""
+    net_force: LoadChannel | None = None
+    """Axial force of the knee without muscles, by inverse dynamics"""
+    net_moment: SignedChannel | None = None
+    """Its net moment without an actuator's, positive if it extends the knee"""
+    plates: Plates | None = None
+    """Foot on the force plates of a C3D file, in place of the channels ground_*"""
     side: Annotated[str, one_of("right", "left")] = "right"
-    body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
-    rate: float = Field(
-        0.0, ge=0.0, le=1e4, description="[Hz] of interpolation; 0: every row keeps its stamp"
-    )
-    max_gap: float = Field(
-        0.1,
-        gt=0.0,
-        le=3600.0,
-        description="[s] between rows, beyond which nothing is interpolated",
-    )
-    missing: Annotated[str, one_of("refuse", "leave_out")] = Field(
-        "refuse",
-        description="what to do with a row that has no number (empty, NaN) where one is needed",
-    )
+    body_weight: float | None = Field(None, gt=0.0, le=1e5)
+    """[N]"""
+    rate: float = Field(0.0, ge=0.0, le=1e4)
+    """[Hz] of interpolation; 0: every row keeps its stamp"""
+    max_gap: float = Field(0.1, gt=0.0, le=3600.0)
+    """[s] between rows, beyond which nothing is interpolated"""
+    missing: Annotated[str, one_of("refuse", "leave_out")] = "refuse"
+    """What to do with a row that has no number (empty, NaN) where one is needed"""
 
     @model_validator(mode="after")
     def _complete(self) -> SensorMap:

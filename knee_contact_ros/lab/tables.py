@@ -139,19 +139,13 @@ class TimeSeries(NamedTuple):
 class TimeColumn(Section):
     """Time of each row."""
 
-    column: ColumnName = Field(
-        "time", description="numbers of `unit`, times of day, or with `rate` frames"
-    )
+    column: ColumnName = "time"
+    """Numbers of `unit`, times of day, or with `rate` frames"""
     unit: str = "s"
-    rate: float | None = Field(
-        None,
-        gt=0.0,
-        le=1e6,
-        description="[Hz] of the frames in `column`, or without `column` of the rows",
-    )
-    offset: float = Field(
-        0.0, description="[s] added, so that recordings with large times begin near 0"
-    )
+    rate: float | None = Field(None, gt=0.0, le=1e6)
+    """[Hz] of the frames in `column`, or without `column` of the rows"""
+    offset: float = 0.0
+    """[s] added, so that recordings with large times begin near 0"""
 
     @property
     def places(self) -> list[ColumnName]:

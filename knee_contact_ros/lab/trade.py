@@ -12,9 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from ..model.ticks import LEVELS
 from ..model.types import Rows, Status
@@ -22,7 +19,7 @@ from ..results import Results
 from ..system.errors import UsageError
 from ..system.output_files import write_complete
 from ..system.progress import OnProgress, no_progress
-from ..system.terminal import WIDTH, as_json, print_json, safe_cell, say
+from ..system.terminal import as_json, print_json, say, show_table
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
@@ -184,19 +181,10 @@ def show_trade(trade: Trade, picture: Path) -> None:
     if as_json():
         print_json(**trade._asdict(), advice=advice(trade), files={"Picture": picture})
         return
-    table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
-    for heading in (
-        "tolerance",
-        "depth [m]",
-        "force [N]",
-        "point [m]",
-        "flagged",
-        "calls",
-        "time [us]",
-    ):
-        table.add_column(safe_cell(heading), justify="right", no_wrap=True)
-    for each in trade.settings:
-        table.add_row(
+    words = "level, tolerance, depth [m], force [N], point [m], flagged, calls, time [us]"
+    headings = words.split(", ")
+    rows = [
+        (
             each.level,
             f"{each.tolerance:.0e}",
             f"{each.depth:.1e}",
@@ -206,8 +194,10 @@ def show_trade(trade: Trade, picture: Path) -> None:
             f"{each.evaluations:.1f}",
             f"{each.microseconds:.2f}",
         )
+        for each in trade.settings
+    ]
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
-    Console(width=WIDTH).print(table)
+    show_table(headings, rows, right=headings[1:], padding=0)
     say(
         f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE_TOLERANCE:g} m; a run at"
     )

@@ -292,10 +292,7 @@ def _of_walk(
     level: float,
 ) -> Calibration:
     """Find what the sensors of a walk tell without a measured load."""
-    given = params or ()
-    sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
-    with Bag(bags[0]) as first:
-        parameters = parameters_for(first, sources, namespace, LoadParameters)
+    parameters = _person(bags, params, values, namespace)
     source = f"a walk without a measured load, which {walk.ZERO} and {walk.CLOCK} are found in"
     unknowns = unknowns_of(free, walk.FOUND, parameters, source)
     names = names_in_bag(remaps, namespace, LOAD_INPUTS)
@@ -319,6 +316,19 @@ def _of_walk(
     )
 
 
+def _sources(params: Any, values: Mapping[str, Any]) -> list[Any]:
+    """Return what parameters are loaded from, in a list."""
+    return [*(params if isinstance(params, list | tuple) else [params]), dict(values)]
+
+
+def _person(
+    bags: Sequence[Path], params: Any, values: Mapping[str, Any], namespace: str
+) -> LoadParameters:
+    """Return the parameters of the load node for bags of a person."""
+    with Bag(bags[0]) as first:
+        return parameters_for(first, _sources(params or (), values), namespace, LoadParameters)
+
+
 def _problem(
     data: Any,
     params: Any,
@@ -330,11 +340,8 @@ def _problem(
 ) -> FitProblem:
     """Read the data and the parameters from which a fit starts."""
     bags = bags_in(data)
-    given = params or (() if bags else DEFAULT_PARAMETERS)
-    sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if bags:
-        with Bag(bags[0]) as first:
-            person = parameters_for(first, sources, namespace, LoadParameters)
+        person = _person(bags, params, values, namespace)
         unknowns = unknowns_of(free, load_problem.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
@@ -343,7 +350,7 @@ def _problem(
             )
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
-    knee = load_parameters(sources)
+    knee = load_parameters(_sources(params or DEFAULT_PARAMETERS, values))
     data = data[0] if isinstance(data, list | tuple) and len(data) == 1 else data
     if isinstance(data, str | PathLike):
         measured = contact_problem.read_measured(Path(expand_user(str(data))), knee.drive)

@@ -17,7 +17,7 @@ from ...joint_reaction.estimator import LOAD_LEVELS, Estimator
 from ...joint_reaction.leg import NetMoments, leg_of
 from ...joint_reaction.muscles import Person
 from ...model.types import UNUSABLE, Floats
-from ...offline.estimate_load import estimate_load
+from ...offline.estimate_load import LoadSummary, estimate_load
 from ...parameters.files import known_parameters
 from ...parameters.load_schema import LoadParameters
 from ...streams.contact_pipeline import load_sample
@@ -125,21 +125,10 @@ def _read_trial(
     path: Path, parameters: LoadParameters, names: Names, advance: OnProgress
 ) -> _Trial:
     topic = names.get(REFERENCE_TOPIC, REFERENCE_TOPIC)
-    samples = list[Sensed]()
     with Bag(path) as bag:
-        summary = estimate_load(
-            bag,
-            parameters,
-            None,
-            advance,
-            names=names,
-            keep=lambda stream: samples.append(stream.sensed),
-        )
+        samples, summary, doubts = read_sensors(bag, parameters, names, advance)
         stamps, axial, refused = _reference(bag, topic)
-        doubts = [*_own_estimate(bag, topic), *others_beside(path)]
-    if summary.damage:
-        faults = join_faults(summary.damage)
-        doubts.append(f"bag {path} is damaged, and read as far as it can be: {faults}")
+        doubts = [*_own_estimate(bag, topic), *doubts]
     at = summary.stamps
     first_of_its_stamp = at > np.maximum.accumulate(np.concatenate(([-1], at[:-1])))
     gaps = np.diff(stamps, prepend=stamps[0], append=stamps[-1])[np.searchsorted(stamps, at)]
@@ -159,6 +148,26 @@ def _read_trial(
             f"bag {path}: no sample can be fitted to the reference ({_join_counts(left_out)})"
         )
     return _Trial(samples, column, left_out, doubts)
+
+
+def read_sensors(
+    bag: Bag, parameters: LoadParameters, names: Names, advance: OnProgress
+) -> tuple[list[Sensed], LoadSummary, list[str]]:
+    """Read the samples of a leg's sensors; also what they come to, and what is odd or damaged, a sentence each."""
+    samples = list[Sensed]()
+    summary = estimate_load(
+        bag,
+        parameters,
+        None,
+        advance,
+        names=names,
+        keep=lambda answer: samples.append(answer.sensed),
+    )
+    doubts = others_beside(bag.path)
+    if summary.damage:
+        faults = join_faults(summary.damage)
+        doubts.append(f"bag {bag.path} is damaged, and read as far as it can be: {faults}")
+    return samples, summary, doubts
 
 
 def _reference(bag: Bag, topic: str) -> tuple[NDArray[np.int64], Floats, Counter[str]]:

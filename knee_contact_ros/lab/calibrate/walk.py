@@ -16,18 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bags.bag import Bag
-from ...bags.folder import bag_digest, others_beside
+from ...bags.folder import bag_digest
 from ...bags.names import Names
 from ...joint_reaction.walking import LONGEST_SWING, STANCES, UNLOADED
 from ...model.types import UNUSABLE, Floats
-from ...offline.estimate_load import estimate_load
 from ...parameters.load_schema import LoadParameters
-from ...streams.load_pipeline import LoadAnswer
 from ...streams.topics import NANOSECONDS
-from ...system.errors import UsageError, join_faults
+from ...system.errors import UsageError
 from ...system.progress import OnProgress
 from .fit import Data
 from .intervals import Interval
+from .load_problem import read_sensors
 from .unknowns import Unknown
 
 ZERO, CLOCK, MASS = "knee.offset", "pairing.angle_delay", "person.mass"
@@ -256,21 +255,13 @@ def _read(
     path: Path, parameters: LoadParameters, names: Names, advance: OnProgress
 ) -> tuple[Recorded, list[str]]:
     """Read a bag, and what is damaged in it."""
-    rows = list[tuple[int, float, float]]()
-
-    def keep(answer: LoadAnswer) -> None:
-        sensed = answer.sensed
-        flexion = math.nan if sensed.status & UNUSABLE else sensed.joints.flexion
-        rows.append((sensed.stamp, flexion, sensed.ground.force[1]))
-
     with Bag(path) as bag:
-        summary = estimate_load(bag, parameters, None, advance, names=names, keep=keep)
-    doubts = others_beside(path)
-    if summary.damage:
-        doubts.append(
-            f"bag {path} is damaged, and read as far as it can be: {join_faults(summary.damage)}"
-        )
-    stamps, flexion, force = (np.array(column) for column in zip(*rows, strict=True))
+        samples, summary, doubts = read_sensors(bag, parameters, names, advance)
+    stamps = summary.stamps
+    flexion = np.array(
+        [math.nan if each.status & UNUSABLE else each.joints.flexion for each in samples]
+    )
+    force = np.array([each.ground.force[1] for each in samples])
     later = np.flatnonzero(np.diff(np.maximum.accumulate(stamps), prepend=-1) > 0)
     time = (stamps[later] - stamps[0]) / NANOSECONDS
     return Recorded(
