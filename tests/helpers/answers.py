@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from knee_contact_ros.model.types import FLAT, MESSAGE_BYTES, ROW, Contact, blank_answers
+from knee_contact_ros.model.types import FLAT, MESSAGE_BYTES, ROW, blank_answers
 from knee_contact_ros.streams.topics import JOINT_STATES
 
 FIELDS = tuple(
@@ -35,8 +35,7 @@ def contact(**fields):
     rows = blank_answers(1)
     for name, value in (EXAMPLE | fields).items():
         rows[name] = value
-    made: Contact = rows[0]
-    return made
+    return rows[0]
 
 
 def contacts_of(numbers):

@@ -21,7 +21,7 @@ ENABLED_BY = {
 
 def skipped_in_a_line(reports):
     """Return how many tests were skipped (`longrepr` of each), and the command that enables each kind of them."""
-    commands = Counter[str]()
+    commands = Counter()
     for report in reports:
         reason = report[2] if isinstance(report, tuple) else str(report)
         reason = reason.removeprefix("Skipped: ")

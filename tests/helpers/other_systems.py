@@ -41,7 +41,6 @@ def lacking_names(system):
 def names_of(module, system):
     """Return the names of a module of Python's library on a system."""
     package = find_spec("mypy")
-    assert package
     stub = Path(str(package.origin)).with_name("typeshed") / "stdlib" / module
     file = stub / "__init__.pyi" if stub.is_dir() else stub.with_suffix(".pyi")
     return set(_names(ast.parse(file.read_text("utf-8")).body, system))

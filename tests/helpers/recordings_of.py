@@ -14,10 +14,9 @@ def recording_with(
     """The messages of a bag's only file, under other names and with other bytes, and metadata records behind them."""
     (file,) = [source] if source.is_file() else source.glob("*.mcap")
     with file.open("rb") as stream, path.open("wb") as output:
-        writer, schemas, channels = Writer(output), dict[int, int](), dict[int, int]()
+        writer, schemas, channels = Writer(output), {}, {}
         writer.start(profile="ros2", library="somebody's")
         for schema, channel, message in make_reader(stream).iter_messages():
-            assert schema is not None
             if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(
                     schema.name, schema.encoding, schema.data

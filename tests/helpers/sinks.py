@@ -4,7 +4,7 @@ import struct
 import time
 from contextlib import suppress
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
@@ -85,7 +85,7 @@ def close(sink, ending=NOTHING_LEFT, seconds=None):
 
 def settled_backlog(sink):
     """Answers that wait once a socket takes no more."""
-    looks: list[str] = []
+    looks = []
     while len(looks) < 10 or len(set(looks[-10:])) > 1:
         looks.append(sink.report_state()[0]["backlog"])
         time.sleep(0.05)
@@ -104,7 +104,7 @@ def shown_ticks(path):
     """The numbers of the answers in a Rerun file."""
     from rerun.chunk import RrdReader
 
-    stamps: list[Any] = []
+    stamps = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path == "/knee/curves/depth" and not chunk.is_static:
             stamps += chunk.to_record_batch().column("stamp").cast("int64").to_pylist()
@@ -115,9 +115,9 @@ class Started:
     """Starts sinks and keeps what they tell."""
 
     def __init__(self):
-        self.sinks: list[SinkProcess] = []
-        self.told: list[str] = []
-        self.remarks: list[str] = []
+        self.sinks = []
+        self.told = []
+        self.remarks = []
         self._log = SimpleNamespace(error=self.told.append, warning=self.remarks.append)
 
     def recorder(
@@ -172,13 +172,12 @@ def recording(path, settings=SETTINGS):
 def pid(sink):
     """A sink's process."""
     wait_until(lambda: sink.process)
-    assert sink.process
     return sink.process.pid
 
 
 def readable(path, step=1_000_000):
     """The numbers of the answers, `step` [ns] apart, that can be read from a file that breaks off."""
-    numbers: list[int] = []
+    numbers = []
     with path.open("rb") as file, suppress(McapError, struct.error):
         for _, _, message in NonSeekingReader(file).iter_messages(
             f"/{KNEE_CONTACT}", log_time_order=False

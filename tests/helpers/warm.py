@@ -11,7 +11,6 @@ import socket
 import sys
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from multiprocessing.process import BaseProcess
 from threading import Thread
 
 from tests.helpers.forked import COMMAND, PROCESSES
@@ -39,7 +38,7 @@ def warm_commands(folder):
     program.parent.mkdir()
     program.write_text(CLIENT.format(path=str(door)))
     program.chmod(0o755)
-    started: list[BaseProcess] = []
+    started = []
     with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
         listener.bind(str(door))
         listener.listen()

@@ -16,10 +16,8 @@ from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from tests.lab.test_laboratory_files import C3D_MAP, write_c3d
 from tests.lab.test_plates import MAP as PLATES
 from tests.lab.test_plates import write
-from tests.lab.test_sensors import importing, in_a_line
 from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 
-__all__ = ["importing"]
 MAP = f"""\
 angle: {{column: knee, unit: rad}}
 load: {{column: force, unit: N}}
@@ -55,13 +53,13 @@ def flat(times):
 
 
 @pytest.mark.parametrize("as_pairs", [True, False])
-def test_events_of_a_c3d_file_are_those_of_the_leg(importing, capsys, as_pairs):
+def test_events_of_a_c3d_file_are_those_of_the_leg(importing, as_pairs):
     event = EVENT if as_pairs else {**EVENT, "TIMES": flat(EVENT["TIMES"])}
     write_c3d(["RKneeAngles"], event=event)
-    assert importing(None, C3D_MAP + "time: {offset: 5}\n", files=["walk.c3d"]) == 0
-    assert "heel strikes 2, toe-offs 2" in in_a_line(capsys.readouterr().out)
+    said = importing(None, C3D_MAP + "time: {offset: 5}\n")
+    assert "heel strikes 2, toe-offs 2" in said
     assert events_of("bag") == [(pytest.approx(5.0 + at), kind) for at, kind in RIGHT]
-    assert importing(None, C3D_MAP + "side: left\n", "--overwrite", files=["walk.c3d"]) == 0
+    importing(None, C3D_MAP + "side: left\n")
     assert events_of("bag") == [(pytest.approx(0.9), HEEL_STRIKE)]
 
 
@@ -73,10 +71,9 @@ def test_events_of_a_c3d_file_are_those_of_the_leg(importing, capsys, as_pairs):
         ({"TIMES": [[1.0] * 6, EVENT["TIMES"][1]]}, "toe-offs 0 (4 more outside the data)"),
     ],
 )
-def test_events_that_are_not_clear_are_left_out_and_told(importing, capsys, change, words):
+def test_events_that_are_not_clear_are_left_out_and_told(importing, change, words):
     write_c3d(["RKneeAngles"], event={**EVENT, **change})
-    assert importing(None, C3D_MAP, files=["walk.c3d"]) == 0
-    assert words in in_a_line(capsys.readouterr().out)
+    assert words in importing(None, C3D_MAP)
     assert not events_of("bag")
 
 
@@ -111,7 +108,7 @@ def test_events_of_a_table_or_times_take_the_place_of_the_file_s(importing, tabl
     if "\n" in table:
         given = "events.csv"
         Path(given).write_text(table)
-    assert importing(None, C3D_MAP, "--events", given, files=["walk.c3d"]) == 0
+    importing(None, C3D_MAP, "--events", given)
     assert events_of("bag") == [(pytest.approx(at), kind) for at, kind in RIGHT]
 
 
@@ -125,10 +122,9 @@ def test_events_of_a_table_or_times_take_the_place_of_the_file_s(importing, tabl
         ("wrong.csv", "soon is no time [s] of an event"),
     ],
 )
-def test_events_that_cannot_be_used_are_refused(importing, capsys, given, words):
+def test_events_that_cannot_be_used_are_refused(importing, given, words):
     Path("wrong.csv").write_text("time,event\nsoon,HS\n")
-    assert importing(walk(), MAP, "--events", given) == 2
-    assert words in in_a_line(capsys.readouterr().err)
+    assert words in importing.refused(walk(), MAP, "--events", given)
 
 
 def lines(*events):
@@ -142,7 +138,7 @@ def test_imported_events_make_the_strides_everywhere(importing):
         for at, kind in ((LANDS, "HS"), (LEAVES, "TO"))
     ]
     Path("events.csv").write_text(lines(*given))
-    assert importing(walk(), MAP, "--events=events.csv") == 0
+    importing(walk(), MAP, "--events=events.csv")
     assert main(["solve", "bag", "--output=o.mcap"]) == 0
     strikes = [LATE + LANDS + number * STRIDE for number in range(2)]
     for source in ("bag", "o.mcap"):
@@ -163,10 +159,10 @@ def test_a_single_stride_is_a_cycle_where_the_load_ends_with_it(importing):
     first, last = STRIDE + LANDS, 2.0 * STRIDE + LANDS
     known = (table["time"] > first - 0.15) & (table["time"] < last - 0.02)
     table["force"] = np.where(known, table["force"], np.nan)
-    assert importing(table, MAP) == 0
+    importing(table, MAP)
     assert solve("bag").strides().empty
     times = f"{first},{STRIDE + LEAVES},{last}"
-    assert importing(table, MAP, "--overwrite", f"--events={times}") == 0
+    importing(table, MAP, f"--events={times}")
     cycles = solve("bag").cycles()
     assert len(cycles) == 101
     assert main(["report", "bag", "--output=page"]) == 0
@@ -176,7 +172,7 @@ def test_a_single_stride_is_a_cycle_where_the_load_ends_with_it(importing):
 def test_one_plate_of_a_c3d_file_is_enough_for_a_cycle(importing):
     """The events go from the file to the bag, to the estimated load, and to the answers."""
     write()
-    assert importing(None, PLATES, "--events=1.0,1.6,2.2", files=["walk.c3d"]) == 0
+    importing(None, PLATES, "--events=1.0,1.6,2.2")
     assert main(["estimate-load", "bag", "--params=load/insole", "--output=load.mcap"]) == 0
     (stride,) = solve("load.mcap").strides().itertuples()
     assert stride.heel_strike == pytest.approx(1.0)
@@ -187,17 +183,16 @@ def test_one_plate_of_a_c3d_file_is_enough_for_a_cycle(importing):
 def test_an_event_that_nobody_marked_is_no_contradiction(importing):
     times = [(LANDS, "HS"), (LEAVES, "TO"), (LANDS + STRIDE, "HS"), (LANDS + 2 * STRIDE, "HS")]
     Path("events.csv").write_text(lines(*times))
-    assert importing(walk(), MAP, "--events=events.csv") == 0
+    importing(walk(), MAP, "--events=events.csv")
     assert len(solve("bag").strides()) == 1
 
 
 @pytest.mark.parametrize("shift", [0.5 * STRIDE, 0.25])
-def test_events_that_the_load_contradicts_are_doubted(importing, capsys, shift):
+def test_events_that_the_load_contradicts_are_doubted(importing, shift):
     times = ",".join(
         f"{number * STRIDE + at + shift:.3f}" for number in range(3) for at in (LANDS, LEAVES)
     )
-    assert importing(walk(), MAP, f"--events={times}") == 2
-    assert "angle and load show a " in in_a_line(capsys.readouterr().err)
-    assert importing(walk(), MAP, f"--events={times}", "--anyway") == 0
+    assert "angle and load show a " in importing.refused(walk(), MAP, f"--events={times}")
+    importing(walk(), MAP, f"--events={times}", "--anyway")
     with Bag(Path("bag")) as bag:
         assert len(bag.doubts) == 1

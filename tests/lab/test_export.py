@@ -3,7 +3,6 @@
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -46,9 +45,6 @@ def exported(tmp_path_factory):
         return output
 
     return exported
-
-
-Exported = Callable[[str, str], Path]
 
 
 def compiled(folder, *arguments, compiler="cc", name="program"):

@@ -8,9 +8,7 @@ import pytest
 from knee_contact_ros.streams.messages import WRENCH
 from knee_contact_ros.streams.topics import LOAD_INPUTS, types_of
 from tests.helpers.bags import raw_messages
-from tests.lab.test_sensors import importing, in_a_line
 
-__all__ = ["importing"]
 MAP = """\
 angle: {column: RKneeAngles.X, unit: deg}
 plates: {}
@@ -136,7 +134,12 @@ def wrenches():
 @pytest.mark.parametrize("kind", [1, 2, 3, 4])
 def test_a_foot_is_found_on_its_plate_and_its_wrench_is_about_the_ankle(importing, kind, way):
     write(kind, way)
-    assert importing(None, MAP, files=["walk.c3d"]) == 0
+    importing(None, MAP)
+    assert_right_foot()
+
+
+def assert_right_foot():
+    """The bag has the wrench of the right foot on its plate, and none in the air."""
     stamps, force, torque = wrenches()
     lab, centre = ground(stamps, 2)
     lateral = np.array([lab[1], lab[2], lab[0]]).T  # y ahead and z up, so x is to the right
@@ -163,16 +166,8 @@ def test_a_foot_is_found_on_its_plate_and_its_wrench_is_about_the_ankle(importin
 )
 def test_what_real_files_have_does_not_move_the_force(importing, change):
     write(**change)
-    assert importing(None, MAP, files=["walk.c3d"]) == 0
-    stamps, force, torque = wrenches()
-    lab, centre = ground(stamps, 2)
-    moment = np.cross(1e-3 * (centre - np.array([130.0, 1840.0, 90.0])[:, None]).T, lab.T)
-    inside = (stamps > 1.02) & (stamps < 1.58)
-    np.testing.assert_allclose(
-        force[inside], np.array([lab[1], lab[2], lab[0]]).T[inside], atol=2.0
-    )
-    np.testing.assert_allclose(torque[inside], moment[inside][:, [1, 2, 0]], atol=0.5)
-    np.testing.assert_allclose(force[(stamps < 0.98) | (stamps > 1.62)], 0.0, atol=1e-9)
+    importing(None, MAP)
+    assert_right_foot()
 
 
 def test_a_foot_is_in_the_air_until_the_heel_strike_of_the_file(importing):
@@ -180,12 +175,12 @@ def test_a_foot_is_in_the_air_until_the_heel_strike_of_the_file(importing):
     landing = {"LABELS": ["Foot Strike"], "CONTEXTS": ["Right"], "TIMES": [[0.0], [2.3]]}
     for event, last in (((), 2.2), (landing, 2.3)):
         write(rests=2.2, event=event)
-        assert importing(None, MAP, "--overwrite", files=["walk.c3d"]) == 0
+        importing(None, MAP)
         # A frame, and one of the difference that gives the speed
         assert wrenches()[0][-1] == pytest.approx(last, abs=0.021)
 
 
-def test_plates_without_data_are_refused_in_a_line(importing, capsys):
+def test_plates_without_data_are_refused_in_a_line(importing):
     ezc3d = pytest.importorskip("ezc3d")
     write()
     made = ezc3d.c3d("walk.c3d")
@@ -199,20 +194,19 @@ def test_plates_without_data_are_refused_in_a_line(importing, capsys):
     ):
         made["parameters"]["ANALOG"][name]["value"] = value
     made.write("walk.c3d")
-    assert importing(None, MAP, files=["walk.c3d"]) == 2
-    assert capsys.readouterr().err == "knee-contact: walk.c3d: its force plates have no data\n"
+    assert "walk.c3d: its force plates have no data\n" in importing.refused(None, MAP)
 
 
-def test_a_left_foot_is_mirrored_and_a_plate_may_be_named(importing, capsys):
+def test_a_left_foot_is_mirrored_and_a_plate_may_be_named(importing):
     write()
-    assert importing(None, MAP + "side: left\n", files=["walk.c3d"]) == 0
+    importing(None, MAP + "side: left\n")
     stamps, force, _ = wrenches()
     assert force[:, 1].max() == pytest.approx(800.0, rel=0.01)
     assert stamps[force[:, 1].argmax()] == pytest.approx(0.7, abs=0.02)
     assert force[:, 2].min() == pytest.approx(-20.0, rel=0.02)
     write(leave_out=["RHEE", "RTOE"])
     named = MAP.replace("{}", "{numbers: [2], ankle: [RANK], forward: +Y}")
-    assert importing(None, named, "--overwrite", files=["walk.c3d"]) == 0
+    importing(None, named)
     stamps, force, _ = wrenches()
     assert force[:, 1].max() == pytest.approx(800.0, rel=0.01)
     assert 0.9 < stamps[0] < 1.1  # without a toe nobody knows whether it swings
@@ -232,7 +226,6 @@ def test_a_left_foot_is_mirrored_and_a_plate_may_be_named(importing, capsys):
         ("{file: other*}", [], "0 C3D files are given; say which with plates.file"),
     ],
 )
-def test_what_is_not_found_is_told(importing, capsys, text, leave_out, words):
+def test_what_is_not_found_is_told(importing, text, leave_out, words):
     write(leave_out=leave_out)
-    assert importing(None, MAP.replace("{}", text), files=["walk.c3d"]) == 2
-    assert words in in_a_line(capsys.readouterr().err)
+    assert words in importing.refused(None, MAP.replace("{}", text))

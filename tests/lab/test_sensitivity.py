@@ -26,7 +26,6 @@ RANGES = {
     "contact.layer_depth": {"from": 2e-4, "to": 8e-4, "scale": "log"},
 }
 QUICK = {"fidelity.level": "quasi_static"}
-Capture = pytest.CaptureFixture[str]
 
 
 def ishigami(design):

@@ -2,9 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,28 +16,6 @@ from tests.helpers.bags import raw_messages
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
 from tests.lab.trials import MAP, SECONDS, cells, flexion, load, motion, write_csv
-
-
-@pytest.fixture
-def importing(tmp_path, monkeypatch):
-    """Imports cells.csv, made of columns or bytes, or other files, by a map into the bag `bag`; gives the exit code."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(made=None, text=MAP, *more, files=("cells.csv",)):
-        if isinstance(made, str):
-            made = made.encode()
-        if isinstance(made, bytes):
-            Path("cells.csv").write_bytes(made)
-        elif made:
-            write_csv(Path("cells.csv"), made)
-        Path("map.yaml").write_text(text, encoding="utf-8")
-        return main(["import-csv", *map(str, files), "--map=map.yaml", "--output=bag", *more])
-
-    return run
-
-
-Importing = Callable[..., int]
-Capture = pytest.CaptureFixture[str]
 
 
 def content():
@@ -65,14 +41,9 @@ def loads_of(messages):
     return np.array([-message.force[1] for message in messages])
 
 
-def in_a_line(text):
-    return " ".join(text.split())
-
-
-def test_columns_become_the_messages_that_the_node_reads(importing, capsys):
+def test_columns_become_the_messages_that_the_node_reads(importing):
     table = cells()
-    assert importing(table) == 0
-    assert "goniometer_deg of cells.csv" in capsys.readouterr().out
+    assert "goniometer_deg of cells.csv" in importing(table)
     angles, forces = content()
     stamps = np.rint(1e9 * np.round(table["time_s"], 6)).astype(int).tolist()
     assert stamps_of(angles) == stamps_of(forces) == stamps
@@ -100,7 +71,7 @@ def test_units_and_offsets_of_sensors(importing, before, after, of_load, of_angl
     total, angle = load(table["time_s"]), table["goniometer_deg"]
     table |= dict.fromkeys(("pm_n", "al_n", "pl_n"), 0.0 * total)
     table |= {"goniometer_deg": of_angle(angle), "am_n": of_load(total)}
-    assert importing(table, MAP.replace(before, after, 1)) == 0
+    importing(table, MAP.replace(before, after, 1))
     angles, forces = content()
     np.testing.assert_allclose(loads_of(forces), total, atol=2e-3)
     np.testing.assert_allclose(angles_of(angles), angle, atol=6e-6)
@@ -148,8 +119,7 @@ def columns_of(time, angle, force):
 WINKEL = SIMPLE.replace("column: a", "column: 'Winkel [°]'")
 GERMAN = rows(CELLS.replace(",", ";"), decimal=",")
 HALVES = re.sub(r"(?m)^00(.*?),", r"12\1 am,", clock(86_399, HMS))
-NUMBERED = [line.partition(",")[2] for line in rows().splitlines()]
-WAYS: dict[str, tuple[str | bytes, str]] = {
+WAYS = {
     "names of two lines": (VICON, vicon_map("P01:RKneeForce.Z")),
     "one table of several": (
         f"{VICON}\nTrajectories\n50\n,,P01:LASI\nFrame,Sub Frame,X\n,,mm\n101,0,7\n",
@@ -160,12 +130,7 @@ WAYS: dict[str, tuple[str | bytes, str]] = {
         "time: {rate: 50}\nangle: {column: 3, unit: deg}\nload: {columns: {8: 1}, unit: N}\n",
     ),
     "places without names": (rows(), columns_of("column: 1", "column: 2", "column: 3")),
-    "frames": (
-        TAF + "".join(f"{n},{line}\n" for n, line in enumerate(NUMBERED)),
-        SIMPLE.replace("t}", "t, rate: 50}"),
-    ),
     "behind a hash": ("# Name: made up\n# t\ta\tf\n" + rows(CELLS.replace(",", "\t")), SIMPLE),
-    "of savetxt": ("# t a f\n" + rows("{:.18e} {:.18e} {:.18e}"), SIMPLE),
     "a title, and units": ("made up\n\nt,a,f\ns,deg,N\n" + rows(), SIMPLE),
     "a date and a time": (TAF + clock(36_000, "2020-01-01 " + HMS), SIMPLE),
     "over midnight": (TAF + clock(86_399, HMS), SIMPLE),
@@ -179,7 +144,6 @@ WAYS: dict[str, tuple[str | bytes, str]] = {
         .encode("utf-8-sig"),
         SIMPLE,
     ),
-    "tabs": ("t\ta\tf\n" + rows(CELLS.replace(",", "\t"), decimal=","), SIMPLE),
     "spaces": ("t   a  f\n" + rows("{:.2f}  {:.3f} {:.2f}"), SIMPLE),
     "utf-16": ((TAF + rows()).encode("utf-16"), SIMPLE),
     "an old Macintosh": (
@@ -191,7 +155,7 @@ WAYS: dict[str, tuple[str | bytes, str]] = {
 
 @pytest.mark.parametrize("name", WAYS)
 def test_files_of_programs_and_loggers_are_read(importing, name):
-    assert importing(*WAYS[name]) == 0
+    importing(*WAYS[name])
     angles, forces = content()
     time = np.arange(150) / 50.0
     assert stamps_of(forces) == stamps_of(angles) == np.rint(1e9 * time).tolist()
@@ -201,17 +165,14 @@ def test_files_of_programs_and_loggers_are_read(importing, name):
 
 MS = SIMPLE.replace("t}", "t, unit: ms}")
 BY_CLOCK = "t,a,x\n" + clock(0, HMS)
-MOMENTS = rows("{0:.2f},{1:.3f},{2:.2f},10")
 STATED = {
-    "Rad,N,Nm": "Rad of column a",
-    "deg/s,N,Nm": "deg/s of column a",
-    "deg,KN,Nm": "KN of column f",
-    "deg,mm,Nm": "mm of column f",
-    "deg,V,Nm": "V of column f",
-    "deg,N,N.mm": "N.mm of column m",
+    "Rad,N": "Rad of column a",
+    "deg/s,N": "deg/s of column a",
+    "deg,mm": "mm of column f",
+    "deg,V": "V of column f",
 }
 """Rows of units below the names, and the one that is refused"""
-ONE_FILE: dict[str, tuple[str, str, str]] = {
+ONE_FILE = {
     "two of a name": (
         VICON,
         columns_of("column: Frame", "column: X", "column: Z"),
@@ -221,7 +182,7 @@ ONE_FILE: dict[str, tuple[str, str, str]] = {
     "seconds as ms": (
         TAF + rows(),
         MS,
-        "a second is 50000, plausible is 5 to 10000: is time.unit",
+        "plausible is 5 to 10000: is time.unit",
     ),
     "a row of units": ("t,a,f\ns,deg,N\n" + rows(), MS, "s of column t, and time.unit ms"),
     "a unit in a name": (
@@ -231,8 +192,8 @@ ONE_FILE: dict[str, tuple[str, str, str]] = {
     ),
     **{
         units: (
-            f"t,a,f,m\ns,{units}\n{MOMENTS}",
-            f"{SIMPLE}moment: {{column: m, unit: N*m}}\n",
+            f"t,a,f\ns,{units}\n{rows()}",
+            SIMPLE,
             f"says {words}, and map: ",
         )
         for units, words in STATED.items()
@@ -256,7 +217,7 @@ ONE_FILE: dict[str, tuple[str, str, str]] = {
             f"{SIMPLE}table: {{encoding: {code}}}\n",
             "' is not known, or not of cells.csv; as utf-8",
         )
-        for code in ("idna", '"utf\\08"', "utf-9")
+        for code in ("idna", "utf-9")
     },
 }
 """Content of cells.csv, map and what is told"""
@@ -277,22 +238,21 @@ TWO_FILES = {
 
 
 @pytest.mark.parametrize("name", [*ONE_FILE, *TWO_FILES])
-def test_tables_that_could_be_misread_are_refused(importing, capsys, name):
-    if name in ONE_FILE:
-        made, text, words = ONE_FILE[name]
-        assert importing(made, text) == 2
-    else:
-        made, other, words = TWO_FILES[name]
+def test_tables_that_could_be_misread_are_refused(importing, name):
+    made, other, words = (ONE_FILE | TWO_FILES)[name]
+    files = ["cells.csv"]
+    if name in TWO_FILES:
+        files.append("other.csv")
         Path("other.csv").write_text("t,x,f\n" + other)
-        assert importing(made, SIMPLE, files=("cells.csv", "other.csv")) == 2
-    assert words in capsys.readouterr().err
+        other = SIMPLE
+    assert words in importing.refused(made, other, files=files)
 
 
-def test_units_may_be_spelt_differently_or_converted_and_unknown_ones_are_noted(importing, capsys):
+def test_units_are_spelt_differently_or_converted(importing):
+    """And unknown ones are noted."""
     kilo = rows("{0:.2f},{1:.3f},{2:.2f},0.010").replace("\n", ",N/A\n")
     text = SIMPLE.replace(" t}", " T}") + "moment: {columns: {m: 980}, unit: N.M}\n"
-    assert importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}", text) == 0
-    said = in_a_line(capsys.readouterr().out)
+    said = importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}", text)
     assert said.count("'widgets' is not a known unit (map: load.unit N)") == 1
     assert said.count("is not a known unit") == 1
     assert content()[1][0].torque[0] == pytest.approx(9.8)
@@ -314,7 +274,7 @@ DATED = "2026-03-0{}T" + HMS.replace("{", "{{").replace("}", "}}")
 def test_files_of_one_trial_may_begin_on_two_days(importing, angles, forces):
     """By their dates and zones, or without any within a day."""
     Path("other.csv").write_text("t,x,f\n" + forces)
-    assert importing("t,a,x\n" + angles, SIMPLE, files=("cells.csv", "other.csv")) == 0
+    importing("t,a,x\n" + angles, SIMPLE, files=("cells.csv", "other.csv"))
     _, found = content()
     time = 1e-9 * np.array(stamps_of(found))
     np.testing.assert_allclose(loads_of(found), load(time), atol=6e-3)
@@ -346,7 +306,7 @@ ground_torque_z: {column: m, unit: N*m}
 body_weight: 700
 side: left
 """
-    assert importing(table, text, files=("cells.csv", plate)) == 0
+    importing(table, text, files=("cells.csv", plate))
     types = types_of(LOAD_INPUTS)
     messages = raw_messages(Path("bag"), types)
     grounds = [
@@ -368,7 +328,7 @@ side: left
     assert main(["solve", "loads.mcap", "--output=answers.mcap"]) == 0
 
 
-def test_a_locohub_table_is_imported_by_the_shipped_map(importing, capsys):
+def test_a_locohub_table_is_imported_by_the_shipped_map(importing):
     """One of its recordings, in body weights; without saying which, time goes back."""
     pd = pytest.importorskip("pandas", reason="needs the extra tables")
     pytest.importorskip("pyarrow", reason="needs the extra tables")
@@ -385,19 +345,17 @@ def test_a_locohub_table_is_imported_by_the_shipped_map(importing, capsys):
     subjects = [one | {"subject": name, "task": "level_walking"} for name in ("AB01", "AB02")]
     pd.concat(map(pd.DataFrame, subjects)).to_parquet("x_time.parquet")
     own, rows = "body_weight: 800.0\n", "table: {rows: {subject: AB02, task: level_walking}}\n"
+    maps = ("--map=locohub", "--map=map.yaml")
     for text, words in (
         (own, "of several recordings choose one (table.rows in the map)"),
         (rows, "unit BW needs body_weight [N] in the map"),
-        (own + rows, ""),
     ):
-        maps = ("--map=locohub", "--map=map.yaml")
-        assert importing(None, text, *maps, files=["x_time.parquet"]) == (2 if words else 0)
-        said = capsys.readouterr()
-        assert words in said.err
-    assert "largest 799.7 N (1.00 BW)" in in_a_line(said.out)
+        assert words in importing.refused(None, text, *maps, files=["x_time.parquet"])
+    said = importing(None, own + rows, *maps, files=["x_time.parquet"])
+    assert "largest 799.7 N (1.00 BW)" in said
 
 
-def test_how_parquet_files_are_written(importing, capsys):
+def test_how_parquet_files_are_written(importing):
     """Time as an index, and recordings chosen by the text of whatever their columns hold."""
     pd = pytest.importorskip("pandas", reason="needs the extra tables")
     pytest.importorskip("pyarrow", reason="needs the extra tables")
@@ -406,27 +364,23 @@ def test_how_parquet_files_are_written(importing, capsys):
     frames = [pd.DataFrame(one | {"text": str(n), "whole": n, "real": float(n)}) for n in (1, 2)]
     pd.concat(frames).set_index("t").to_parquet(file)
 
-    def choose(choice):
-        text = f"{SIMPLE}table: {{rows: {{{choice}}}}}\n"
-        return importing(None, text, "--overwrite", files=[file])
+    def chosen(choice):
+        return None, f"{SIMPLE}table: {{rows: {{{choice}}}}}\n"
 
     for choice in ("text: 1", "whole: '2'", "real: 2.0"):
-        assert choose(choice) == 0
+        importing(*chosen(choice), files=[file])
         assert len(content()[1]) == 150
-    assert choose("whole: two") == 2
-    assert "has no rows below its names" in capsys.readouterr().err
+    said = importing.refused(*chosen("whole: two"), files=[file])
+    assert "has no rows below its names" in said
     data = file.read_bytes()
     file.write_bytes(data[:4] + bytes(300) + data[304:])
-    assert choose("whole: 1") == 2
-    assert "cannot read x.parquet: " in capsys.readouterr().err
+    assert "cannot read x.parquet: " in importing.refused(*chosen("whole: 1"), files=[file])
 
 
-def test_without_a_body_weight_a_strange_load_is_a_warning(importing, capsys):
+def test_without_a_body_weight_a_strange_load_is_a_warning(importing):
     for times in (0.14, 6.0):
         text = MAP.replace("body_weight: 700.0\n", "")
-        text = text.replace("unit: N", f"unit: N\n  scale: {times}")
-        assert importing(cells(), text, "--overwrite") == 0
-        said = in_a_line(capsys.readouterr().err)
+        said = importing(cells(), text.replace("unit: N", f"unit: N\n  scale: {times}"))
         assert "plausible is 400 to 8000: percent of body weight" in said
 
 
@@ -434,7 +388,7 @@ def test_files_of_one_trial_make_one_bag(importing):
     """Motion in one, the cells in the other; both have a column time_s."""
     moved = write_csv(Path("motion.csv"), motion())
     text = MAP.replace("goniometer_deg, unit: deg", "knee_flexion_deg, unit: deg, sign: -1")
-    assert importing(cells(), text, files=(moved, "cells.csv")) == 0
+    importing(cells(), text, files=(moved, "cells.csv"))
     angles, forces = content()
     expected = flexion(1e-9 * np.array(stamps_of(angles)))
     np.testing.assert_allclose(angles_of(angles), expected, atol=1e-5)
@@ -459,7 +413,7 @@ body_weight: 350
 side: left
 rate: 100
 """
-    assert importing(table, text) == 0
+    importing(table, text)
     angles, forces = content()
     stamps = stamps_of(forces)
     assert stamps == stamps_of(angles) == list(range(0, stamps[-1] + 1, 10_000_000))
@@ -469,45 +423,18 @@ rate: 100
     assert (forces[0].frame_id, angles[0].name) == ("tibia_l", ("left_knee",))
 
 
-def test_c3d_files_are_tables_too(importing):
-    """Points with a subject's name, from frame 100 on, and an analog channel that is ten times as fast."""
-    ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
-    time = np.arange(100, 250) / 50.0
-    made = ezc3d.c3d()
-    for kind, rate, labels in (
-        ("POINT", 50.0, ["P01:RKneeAngles", "LASI"]),
-        ("ANALOG", 500.0, ["cell", "x"]),
-    ):
-        made["parameters"][kind]["RATE"]["value"] = [rate]
-        made["parameters"][kind]["LABELS"]["value"] = labels
-    made["header"]["points"]["first_frame"] = 100
-    points = np.stack([flexion(time), *np.zeros((3, 150))])
-    made["data"]["points"] = points[:, None].repeat(2, axis=1)
-    made["data"]["analogs"] = np.stack([load(np.arange(1000, 2500) / 500.0)] * 2)[None]
-    made.write("walk.c3d")
-    text = columns_of("column: time", "column: RKneeAngles.X", "column: cell")
-    assert importing(None, text, files=["walk.c3d"]) == 0
-    angles, forces = content()
-    np.testing.assert_allclose(angles_of(angles), flexion(time), atol=1e-4)
-    # A mean over two frames lowers what varies at 1.8 Hz by 0.3 %; at the ends nothing is beyond.
-    np.testing.assert_allclose(loads_of(forces)[1:-1], load(time)[1:-1], atol=5.0)
-    assert stamps_of(forces) == np.rint(1e9 * time).astype(int).tolist()
-
-
-def test_opensim_files_are_tables_too(importing, capsys):
+def test_opensim_files_are_tables_too(importing):
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
     text = MAP.replace("{column: time_s}", "{column: time, unit: ms}")  # theirs are s
-    assert importing(None, text, files=[path]) == 0
+    importing(None, text, files=[path])
     assert len(content()[0]) == round(120 * SECONDS)
     path.write_text(path.read_text().rstrip().rpartition("\n")[0])
-    assert importing(None, text, "--overwrite", files=[path]) == 2
     said = "q.mot has 719 rows, and its header says nRows=720: is it cut off? (--anyway"
-    assert said in capsys.readouterr().err
+    assert said in importing.refused(None, text, files=[path])
 
 
-Columns = dict[str, Any]
-SPOILT: dict[str, tuple[Callable[[Columns], Columns], str]] = {
+SPOILT = {
     "nan": (
         lambda t: t | {"am_n": np.where(t["time_s"] == 1.0, np.nan, t["am_n"])},
         r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out",
@@ -543,10 +470,6 @@ MAPS = {
         "moment: {column: am_n, unit: N*m}\nbody_weight",
     ): r"the largest moment is 3\d+\.\d+ N m, plau.* 0 to 84",
     ("unit: N", "unit: deg"): r"map: load: unit 'deg' is not one of a force; allowed: N, kN",
-    (
-        "goniometer_deg, unit: deg",
-        "goniometer_deg, unit: rad",
-    ): r"says deg of column goniometer_deg, and map: angle\.",
     ("{column: time_s}", "{column: times}"): r"has no column times; did you mean time_s\?",
     ("700.0", "71.4"): r"^knee-contact: body_weight 71\.4 N: is it kg",
     (
@@ -565,7 +488,7 @@ MAPS = {
     ): r"load\.file: no file is named as \*\.txt; given are cells\.csv",
 }
 NAMES = b"time_s,pm_n,am_n,al_n,pl_n,goniometer_deg"
-FILES: dict[str, tuple[bytes, str]] = {
+FILES = {
     "empty": (b"", "cells.csv is empty"),
     "names only": (NAMES + b"\n", r"has no rows below its names \(line 1\)"),
     "one row": (NAMES + b"\n0,1,2,3,4,5\n", "has 1 row with numbers for angle"),
@@ -576,13 +499,12 @@ FILES: dict[str, tuple[bytes, str]] = {
     "cut off": (NAMES + b"\n0,1,2,3,4,5\n1,1,2", "line 3 has 3 columns, and the names are 6"),
     "infinite": (NAMES + b"\n0,inf,2,3,4,5\n1,1,2,3,4,5\n", "column pm_n has no number"),
     "zeros": (bytes(5000), "is not a text file"),
-    "random": (np.random.default_rng(3).bytes(5000).replace(b"\0", b"a"), "has no column"),
     "an open quote": (
         NAMES + b'\n"0,1,2,3,4,5\n' + b"1,2,3,4,5,6\n" * 20000,
         "line .* cannot be read: field larger",
     ),
 }
-REFUSED: dict[str, tuple[Any, str, str]] = {
+REFUSED = {
     **{name: (spoil(cells()), MAP, words) for name, (spoil, words) in SPOILT.items()},
     **{
         f"{old} > {new}": (cells(), MAP.replace(old, new, 1), words)
@@ -594,37 +516,33 @@ REFUSED: dict[str, tuple[Any, str, str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_damaged_or_mislabelled_files_are_refused(importing, capsys, name):
+def test_damaged_or_mislabelled_files_are_refused(importing, name):
     made, text, words = REFUSED[name]
     assert (text != MAP) == (" > " in name)
-    assert importing(made, text) == 2
-    captured = capsys.readouterr()
-    assert re.search(words, captured.err)
-    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    assert re.search(words, importing.refused(made, text))
     assert {path.name for path in Path().iterdir()} == {"cells.csv", "map.yaml"}
 
 
-def test_likely_mistakes_are_imported_only_if_the_user_insists(importing, capsys):
-    assert importing(SPOILT["pounds given as newtons"][0](cells()), MAP, "--anyway") == 0
-    assert re.search(r"warning: .* the peak of 3\d\d", in_a_line(capsys.readouterr().err))
+def test_likely_mistakes_are_imported_only_if_the_user_insists(importing):
+    said = importing(SPOILT["pounds given as newtons"][0](cells()), MAP, "--anyway")
+    assert re.search(r"warning: .* the peak of 3\d\d", said)
     assert "In lbf" in origin(Path("bag"))["doubts"]
     impossible = MAP.replace("{column: goniometer_deg", "{column: pm_n")
-    assert importing(cells(), impossible, "--anyway", "--overwrite") == 2
+    assert importing.refused(cells(), impossible, "--anyway")
 
 
-def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(importing, capsys):
+def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(importing):
     table = cells()
     hole = (table["time_s"] > 2.0) & (table["time_s"] < 2.5)
     table["goniometer_deg"] = np.where(hole, np.nan, table["goniometer_deg"])
     for rate, number in (("", 720), ("rate: 120\n", 720 - 59)):
-        assert importing(table, f"missing: leave_out\n{rate}{MAP}", "--overwrite") == 0
-        said = in_a_line(capsys.readouterr().out)
+        said = importing(table, f"missing: leave_out\n{rate}{MAP}")
         assert "angle: 59 of 720 rows left out, as a number is missing" in said
         assert "angle: 1 gap longer than 0.1 s, the longest of 0.5 s at 2 s" in said
         assert tuple(map(len, content())) == (720 - 59, number)
 
 
-def test_in_gaps_of_other_channels_nothing_is_made_up(importing, capsys):
+def test_in_gaps_of_other_channels_nothing_is_made_up(importing):
     """Load and angle have no gap, the moment one of a second, and the hip another."""
     time = np.arange(150) / 50.0
     hip, moment = ((time <= gap) | (time >= gap + 1.0) for gap in (1.0, 1.5))
@@ -634,45 +552,43 @@ def test_in_gaps_of_other_channels_nothing_is_made_up(importing, capsys):
         write_csv(Path("moment.csv"), {"t": time[moment], "m": 0.01 * load(time[moment])}),
     ]
     text = SIMPLE + "hip: {column: h, unit: deg}\nmoment: {column: m, unit: N*m}\n"
-    assert importing(None, text, files=files) == 0
-    said = in_a_line(capsys.readouterr().out)
+    said = importing(None, text, files=files)
     for name, at in (("hip", "1 s"), ("moment", "1.5 s")):
         assert f"{name}: 1 gap longer than 0.1 s, the longest of 1 s at {at};" in said
     angles, forces = map(stamps_of, content())
     assert angles == np.rint(1e9 * time[hip]).tolist()
     assert forces == np.rint(1e9 * time[moment]).tolist()
     write_csv(files[2], {"t": time[::30] + 0.001, "m": 0.01 * load(time[::30])})
-    assert importing(None, text, "--overwrite", files=files) == 2
-    assert "cells.csv: f: all but 0 rows lie in gaps of another channel" in capsys.readouterr().err
+    assert "cells.csv: f: all but 0 rows lie in gaps of another channel" in importing.refused(
+        None, text, files=files
+    )
 
 
-@pytest.mark.parametrize(("again", "told"), [(1, "1 row"), (2, "2 rows")])
-def test_rows_with_the_time_of_the_next_are_dropped_and_counted(again, told, importing, capsys):
-    rows = np.sort(np.append(np.arange(len(cells()["goniometer_deg"])), [10, 20][:again]))
-    assert importing({name: values[rows] for name, values in cells().items()}) == 0
-    assert f"{told} dropped: the next has the same time" in in_a_line(capsys.readouterr().out)
+def test_rows_with_the_time_of_the_next_are_dropped_and_counted(importing):
+    for again, told in (([10], "1 row"), ([10, 20], "2 rows")):
+        rows = np.sort(np.append(np.arange(len(cells()["goniometer_deg"])), again))
+        said = importing({name: values[rows] for name, values in cells().items()})
+        assert f"{told} dropped: the next has the same time" in said
 
 
-def test_behind_a_gap_a_knee_may_be_anywhere(importing, capsys):
+def test_behind_a_gap_a_knee_may_be_anywhere(importing):
     gap = slice(545, 574)  # a quarter of a second
     without = {name: np.delete(values, gap) for name, values in cells().items()}
     assert np.abs(np.diff(without["goniometer_deg"])).max() > 30.0
-    assert importing(without) == 0
-    assert "angle: 1 gap longer than 0.1 s" in capsys.readouterr().out
+    assert "angle: 1 gap longer than 0.1 s" in importing(without)
 
 
 def test_the_body_weight_goes_with_the_bag(importing, capsys):
     """And wins over the default, not over one that the user gives."""
-    assert importing(cells(), MAP.replace("700.0", "560.0")) == 0
+    importing(cells(), MAP.replace("700.0", "560.0"))
     peak = 0.5 * load(cells()["time_s"]).max()
     for weight in (560.0, 600.0, 737.068):
-        capsys.readouterr()
         given = [] if weight == 560.0 else ["-p", f"body_weight:={weight}"]
         assert main(["solve", "bag", "--output=o.mcap", "--overwrite", *given]) == 0
         said = capsys.readouterr()
         assert f"{peak / weight:.2f}" in said.out
         warning = f"body_weight {weight:g} N is used as you gave it, but bag bag was imported with"
-        assert (f"{warning} 560 N" in in_a_line(said.err)) == bool(given)
+        assert (f"{warning} 560 N" in " ".join(said.err.split())) == bool(given)
         assert ("560 N, as bag was imported with" in said.out) != bool(given)
 
 
@@ -681,11 +597,11 @@ def test_the_body_weight_goes_through_an_estimate_and_a_sweep(importing, capsys)
     time = np.arange(150) / 50.0
     up = 560.0 * np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
     text = SIMPLE.replace("load: {column: f", "ground_force: {column: f") + "body_weight: 560\n"
-    assert importing({"t": time, "a": flexion(time), "f": up}, text) == 0
+    importing({"t": time, "a": flexion(time), "f": up}, text)
     assert main(["estimate-load", "bag", "--output=loads.mcap"]) == 0
     assert "560 N" in capsys.readouterr().out
     assert main(["estimate-load", "bag", "-p", "person.mass:=80.0", "--output=heavier.mcap"]) == 0
-    said = in_a_line(capsys.readouterr().err)
+    said = " ".join(capsys.readouterr().err.split())
     assert "person.mass 80 kg is used as you gave it, but bag bag was imported with 560 N" in said
     assert main(["solve", "loads.mcap", "--output=o.mcap"]) == 0
     assert "560 N, as loads.mcap was imported with" in capsys.readouterr().out
@@ -697,11 +613,9 @@ def test_the_body_weight_goes_through_an_estimate_and_a_sweep(importing, capsys)
     assert swept.outcomes.peak_force.tolist() == given.outcomes.peak_force.tolist()
 
 
-def test_columns_in_two_files_are_asked_for(importing, capsys):
+def test_columns_in_two_files_are_asked_for(importing):
     both = [write_csv(Path(f"{name}.csv"), cells()) for name in ("a", "b")]
-    assert importing(files=both) == 2
     said = "a.csv and b.csv both have goniometer_deg; say which with angle.file"
-    assert said in capsys.readouterr().err
+    assert said in importing.refused(files=both)
     named = MAP.replace("unit: deg}", "unit: deg, file: 'a*'}", 1)
-    named = named.replace("  unit: N", "  unit: N\n  file: b.csv")
-    assert importing(None, named, files=both) == 0
+    importing(None, named.replace("  unit: N", "  unit: N\n  file: b.csv"), files=both)

@@ -1,9 +1,7 @@
 """A made-up trial as a laboratory would have it: cells of a tray in one file, motion capture in another."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
 RATE, SECONDS = 120.0, 6.0
 OFFSET, DELAY = -12.0, 0.021
 """What makes the goniometer right [deg], and how late it is [s]"""

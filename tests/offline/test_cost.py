@@ -2,7 +2,6 @@
 
 import pytest
 
-from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.costs import COSTS
 from tests.helpers.offline import solve
@@ -12,10 +11,10 @@ BAG = share_folder() / "bags" / "gait2354_right"
 
 @pytest.mark.parametrize("name", COSTS["evaluations"])
 def test_a_gait_takes_no_more_evaluations(name):
-    counted: list[int] = []
+    counted = []
 
     def keep(block):
         counted.extend(int(part["evaluations"].sum()) for part in block.rows)
 
-    solve(BAG, load_parameters(["healthy", name]), None, keep=keep)
+    solve(BAG, ["healthy", name], None, keep=keep)
     assert sum(counted) == pytest.approx(COSTS["evaluations"][name], rel=0.02)

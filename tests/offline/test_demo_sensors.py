@@ -18,7 +18,6 @@ def test_an_extending_torque_reaches_the_estimator_as_one(sign, effort):
     parameters = load_parameters({"knee.sign": sign, "knee.assisted": True}, LoadParameters)
     data = encode_joint_state(JointState(5, "", ("hip", "knee"), (0.1, 0.2), (), effort))
     message = decode_joint_state(with_assistance(data, parameters.knee, 6.0))
-    assert message is not None
     assert message.effort == ((*effort, 0.0)[0], -6.0 * sign)
     sample = leg_sample(message, parameters, b"", 0)
     assert joints_of(sample.angle, sample.others).knee_assistance == 6.0

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("pandas", reason="needs the extra notebook")
 
-from knee_contact_ros import Gait, UsageError, load_model, paired, solve
+from knee_contact_ros import UsageError, load_model, paired, solve
 from knee_contact_ros.model.ringing import damped
 from knee_contact_ros.streams.strides import RISE_TIME
 from studies.reference import LAWS, Knee
@@ -51,7 +51,7 @@ def inputs(speed, force, finer=1):
 
 def walk(law, speed, force, finer=1):
     """Strides of such a walk."""
-    gait: Gait = load_model(law).run(*inputs(speed, force, finer))
+    gait = load_model(law).run(*inputs(speed, force, finer))
     return gait.strides(BODY_WEIGHT)
 
 

@@ -2,13 +2,12 @@
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros import Results, UsageError
+from knee_contact_ros import Results, UsageError, solve
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
@@ -25,7 +24,7 @@ def told(rows):
     return [np.ascontiguousarray(flat[name]).tobytes() for name in (*MESSAGE_FIELDS, "stamp")]
 
 
-WAYS: dict[str, tuple[list[str], dict[str, Any]]] = {
+WAYS = {
     "nothing": ([], {}),
     "names": (
         ["--params", "osteoarthritis", "--params", "mri_femur"],
@@ -40,52 +39,50 @@ def test_it_gives_what_the_command_records(way, right_bag, tmp_path):
     arguments, asked = WAYS[way]
     assert main(["solve", str(right_bag), *arguments, "--output", str(tmp_path / "out.mcap")]) == 0
     (tmp_path / "ours").mkdir()
-    results = knee_contact_ros.solve(
-        right_bag, output=tmp_path / "ours" / "out.mcap", **asked, compiled=True
-    )
+    results = solve(right_bag, output=tmp_path / "ours" / "out.mcap", **asked, compiled=True)
     assert isinstance(results, Results)
     assert told(results) == told(read_answers(tmp_path / "out.mcap"))
     assert (tmp_path / "ours" / "out.mcap").read_bytes() == (tmp_path / "out.mcap").read_bytes()
-    assert told(knee_contact_ros.solve(str(right_bag), **asked, compiled=True)) == told(results)
-    assert told(knee_contact_ros.solve(tmp_path / "out.mcap", compiled=True)) == told(
+    assert told(solve(str(right_bag), **asked, compiled=True)) == told(results)
+    assert told(solve(tmp_path / "out.mcap", compiled=True)) == told(
         results
     )  # by the parameters in it
 
 
 def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(right_bag, tmp_path):
-    knee_contact_ros.solve(right_bag, "osteoarthritis", output=tmp_path / "first.mcap")
-    again = knee_contact_ros.solve(tmp_path / "first.mcap", values={"contact.layer_depth": 0.4e-3})
+    solve(right_bag, "osteoarthritis", output=tmp_path / "first.mcap")
+    again = solve(tmp_path / "first.mcap", values={"contact.layer_depth": 0.4e-3})
     assert told(again) == told(
-        knee_contact_ros.solve(right_bag, ["osteoarthritis", {"contact.layer_depth": 0.4e-3}])
+        solve(right_bag, ["osteoarthritis", {"contact.layer_depth": 0.4e-3}])
     )
-    healthy = knee_contact_ros.solve(tmp_path / "first.mcap", "healthy")
-    assert told(healthy) == told(knee_contact_ros.solve(right_bag))
+    healthy = solve(tmp_path / "first.mcap", "healthy")
+    assert told(healthy) == told(solve(right_bag))
 
 
 def test_doubts_are_warnings(right_bag, tmp_path):
     with pytest.raises(UsageError, match="no bag"):
-        knee_contact_ros.solve()
+        solve()
     with pytest.raises(UsageError, match=r"its name must end with \.mcap"):
-        knee_contact_ros.solve(right_bag, output=tmp_path / "out.csv")
+        solve(right_bag, output=tmp_path / "out.csv")
     with pytest.raises(UsageError, match="there is no folder"):
-        knee_contact_ros.solve(right_bag, output=tmp_path / "misspelt" / "out.mcap")
+        solve(right_bag, output=tmp_path / "misspelt" / "out.mcap")
     output = tmp_path / "out.mcap"
-    knee_contact_ros.solve(right_bag, output=output)
-    knee_contact_ros.solve(right_bag, output=output, overwrite=True)
+    solve(right_bag, output=output)
+    solve(right_bag, output=output, overwrite=True)
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(output.read_bytes()[:50_000])
     with pytest.warns(
         UserWarning, match=r"bag .*cut\.mcap is damaged, and solved as far as it can be read"
     ):
-        assert 0 < len(knee_contact_ros.solve(cut, "healthy")) < 387
+        assert 0 < len(solve(cut, "healthy")) < 387
     with (
         pytest.warns(UserWarning, match=r"^contact.stiffness 2500"),
         pytest.warns(UserWarning, match="^387 of 387 ticks"),
     ):
-        knee_contact_ros.solve(right_bag, {"contact.stiffness": 2500.0})
+        solve(right_bag, {"contact.stiffness": 2500.0})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        knee_contact_ros.solve(right_bag)
+        solve(right_bag)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +112,7 @@ def test_errors_name_arguments_of_python(
     monkeypatch.chdir(tmp_path)
     Path("there.mcap").touch()
     with pytest.raises(UsageError, match=told):
-        knee_contact_ros.solve(right_bag, **given)
+        solve(right_bag, **given)
 
 
 def test_a_load_is_what_the_command_estimates(tmp_path):
@@ -133,4 +130,4 @@ def test_a_load_is_what_the_command_estimates(tmp_path):
     )
     assert found.dtype == ESTIMATE
     assert found.tobytes() == np.array(each_told, ESTIMATE).tobytes()
-    assert len(knee_contact_ros.solve(tmp_path / "out.mcap")) == len(found)
+    assert len(solve(tmp_path / "out.mcap")) == len(found)

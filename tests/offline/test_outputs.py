@@ -1,10 +1,8 @@
 """What `solve` and `estimate_load` write, and which bags they refuse: nothing is left behind then."""
 
 import shutil
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,7 +21,7 @@ WALK = walk()
 
 def computed(way, bag, output, values=None, **how):
     if way == "solve":
-        return solve(bag, load_parameters(values or {}), output, **how)
+        return solve(bag, values or {}, output, **how)
     return estimate_load(bag, load_parameters(values or {}, LoadParameters), output, **how)
 
 
@@ -90,9 +88,6 @@ def written(folder, content):
     return folder / "broken.mcap"
 
 
-Make = Callable[[Path], Path]
-
-
 def rows(*samples, joint="knee"):
     return lambda folder: make_bag(folder / "a" / "b.mcap", list(samples), joint=joint)
 
@@ -101,8 +96,8 @@ def leg(messages):
     return lambda folder: walking_bag(folder / "b.mcap", messages)
 
 
-MISSING: Make = lambda folder: folder / "missing"  # noqa: E731
-UNUSABLE: dict[str, list[tuple[Make, dict[str, Any], str]]] = {
+MISSING = lambda folder: folder / "missing"  # noqa: E731
+UNUSABLE = {
     "solve": [
         (MISSING, {}, "no bag at"),
         (lambda folder: folder, {}, "it has no usable metadata.yaml"),

@@ -27,7 +27,6 @@ def test_pressure_and_area(law, times, before):
     contact = load_parameters({"contact.law": law}).contact
     model = contact_law(contact)
     patch = contact_patch(contact, model)
-    assert patch is not None
     depth = plain_static_depth(model.rows, HALF)
     assert model.static_force(depth) == pytest.approx(HALF, rel=1e-9)
     area = np.pi * patch.spread.area * patch.radius * depth

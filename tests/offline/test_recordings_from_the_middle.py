@@ -80,7 +80,6 @@ def recorded(knee, path, begin, reset=False):
 def again(path, tmp_path):
     """The answers that a recording is solved to."""
     provenance = read_provenance(path)
-    assert provenance is not None
     solve(path, provenance, tmp_path / "again.mcap", overwrite=True)
     topic = CONTACT_TOPICS[has_two_compartments(provenance.parameters)]
     types = {f"/{topic}": MESSAGE_TYPES[topic]}
@@ -105,7 +104,6 @@ def test_without_the_state_nothing_is_ok_and_wrong(tmp_path):
     """As recordings of earlier versions are: flagged while the femur may still fly."""
     recorded("healthy", tmp_path / "middle.mcap", 92)
     provenance = read_provenance(tmp_path / "middle.mcap")
-    assert provenance is not None
     assert provenance.state is not None
     solve(tmp_path / "middle.mcap", provenance._replace(state=None), tmp_path / "again.mcap")
     rows = read_answers(tmp_path / "again.mcap")
@@ -143,5 +141,4 @@ def test_a_state_of_another_model_is_not_used(tmp_path):
     with BagWriter(tmp_path / "other.mcap") as bag:
         bag.add_metadata("knee_contact", record | {"model_sha256": "0"})
     found = read_provenance(tmp_path / "other.mcap")
-    assert found is not None
     assert found.state is None

@@ -1,8 +1,6 @@
 """Recordings that other tools have rewritten, merged or cut: their answers are compared, and never mixed."""
 
 import random
-from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -11,7 +9,6 @@ from mcap.writer import Writer
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.commands import run
 from tests.helpers.needs import HAS_VIEWER
@@ -20,9 +17,9 @@ from tests.helpers.offline import solve
 
 def rewritten(target, *sources, metadata):
     """What `mcap merge`, `mcap filter` and `ros2 bag convert` make of recordings, with or without their metadata."""
-    rows: list[tuple[int, int, Any, Any, Any]] = []
+    rows = []
     with target.open("wb") as output:
-        writer, channels = Writer(output), dict[str, int]()
+        writer, channels = Writer(output), {}
         writer.start(profile="ros2", library="somebody's")
         for number, source in enumerate(sources):
             with source.open("rb") as stream:
@@ -41,7 +38,7 @@ def rewritten(target, *sources, metadata):
 
 def drawn_parameters(draw):
     """Parameters whose depths are far from those of the healthy knee, or its own."""
-    changes: tuple[dict[str, Any], ...] = (
+    changes = (
         {},
         {"contact.stiffness": 7.905694e7 * draw.choice((0.4, 2.5))},
         {"load.share": draw.choice((0.3, 0.8))},
@@ -54,12 +51,12 @@ def drawn_parameters(draw):
 @pytest.fixture(scope="module")
 def recordings(right_bag, tmp_path_factory):
     """Makes a recording with parameters."""
-    folder, made = tmp_path_factory.mktemp("recordings"), dict[str, Path]()
+    folder, made = tmp_path_factory.mktemp("recordings"), {}
 
     def recording(values):
         path = folder / f"{len(made)}.mcap"
         if str(values) not in made:
-            solve(right_bag, load_parameters(values), path)
+            solve(right_bag, values, path)
             made[str(values)] = path
         return made[str(values)]
 
@@ -71,12 +68,12 @@ def test_lost_parameters_are_told_by_the_answers(recordings, tmp_path, seed):
     values = drawn_parameters(random.Random(seed))
     source = recordings(values)
     lost = rewritten(tmp_path / "lost.mcap", source, metadata=False)
-    summary = solve(lost, load_parameters({}), None)
+    summary = solve(lost, {}, None)
     assert bool(summary.differing) == bool(values)
     if values:
         depth = read_answers(source)["penetration_depth"].max()
         assert f"{1e3 * depth:.4f} mm there" in summary.differing
-    assert not solve(lost, load_parameters(values), None).differing
+    assert not solve(lost, values, None).differing
     kept = rewritten(tmp_path / "kept.mcap", source, metadata=True)
     basis = read_provenance(kept)
     assert basis is not None
@@ -90,7 +87,7 @@ def test_merged_recordings_are_not_mixed(recordings, tmp_path):
         with pytest.raises(UsageError, match="several runs, mixed by another tool"):
             read_answers(merged)
     lost = tmp_path / "False.mcap"
-    assert "several runs" in solve(lost, load_parameters({}), None).differing
+    assert "several runs" in solve(lost, {}, None).differing
     with Bag(tmp_path / "True.mcap") as bag, pytest.raises(UsageError, match="2 sets of param"):
         read_provenance(bag)
     for command in ("report", "view", "table", "solve"):

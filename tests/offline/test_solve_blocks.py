@@ -1,7 +1,5 @@
 """Block by block is as one by one: the same file to the last byte, whatever is in the bag."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,7 +9,6 @@ from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import SolveRun
-from knee_contact_ros.offline.solve_blocks import AnswerBlock
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import (
@@ -26,7 +23,6 @@ from tests.helpers.bags import raw_messages
 from tests.helpers.offline import solve
 
 MILLISECOND = 1_000_000
-Message = tuple[str, int, bytes]
 
 
 def angle(stamp, value, names=("hip", "knee"), frame=""):
@@ -124,8 +120,8 @@ def test_ordinary_bags_go_by_the_block(tmp_path, name, every):
 def test_a_known_delay_of_the_angles_changes_no_bit(tmp_path, delay):
     prompt, late, rows = (
         gait(400, 5, begin=1000),
-        list[Message](),
-        [list[AnswerBlock](), list[AnswerBlock]()],
+        [],
+        [[], []],
     )
     for topic, stamp, data in prompt:
         found = JOINT_STATE.decode_message(data) if topic == "/joint_states" else None
@@ -175,8 +171,7 @@ def test_bytes_of_padding_do_not_matter(tmp_path):
     assert taken_at_once(tmp_path, rows, load_parameters({}), 100) == 4
 
 
-Row = Callable[[str, int, bytes], Message]
-ONE_ROW: dict[str, Row] = {
+ONE_ROW = {
     "nan angle": lambda _topic, stamp, _data: angle(stamp, float("nan")),
     "nan force": lambda _topic, stamp, _data: force(stamp, float("nan")),
     "inf": lambda _topic, stamp, _data: force(stamp, float("inf")),
@@ -195,7 +190,7 @@ ONE_ROW: dict[str, Row] = {
     "no representation": lambda topic, stamp, data: (topic, stamp, b"\7\7" + data[2:]),
 }
 """What may become of a message"""
-MANY_ROWS: dict[str, Callable[[list[Message], int], list[Message]]] = {
+MANY_ROWS = {
     "twice": lambda rows, at: [*rows[: at + 1], *rows[at:]],
     "time jumps back": lambda rows, at: rows[:at] + gait(len(rows) // 3),
     "gap": lambda rows, at: rows[:at] + gait(20, begin=5000),

@@ -2,8 +2,6 @@
 
 import re
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,7 +28,6 @@ from tests.helpers.bags import Mcap, raw_messages, write_rosbag2
 from tests.helpers.commands import run
 from tests.helpers.offline import solve
 
-STEP = 5_000_000
 MOMENT = 600
 """Index of the message before which something happens: in stance"""
 
@@ -86,7 +83,7 @@ def split(folder, parts):
 
 
 def solved(bag, tmp_path):
-    solve(bag, load_parameters({}), tmp_path / "out.mcap", overwrite=True, compiled=False)
+    solve(bag, {}, tmp_path / "out.mcap", overwrite=True, compiled=False)
     topic = f"/{KNEE_CONTACT}"
     messages = raw_messages(tmp_path / "out.mcap", {topic: MESSAGE_TYPES[KNEE_CONTACT]})
     return [message.data for message in messages]
@@ -220,7 +217,6 @@ def states(g, change, every=1, later=0):
     found = []
     for message in [message for message in g if message.topic == f"/{JOINT_STATES}"][::every]:
         content = decode_joint_state(message.data)
-        assert content
         data = encode_joint_state(change(content._replace(stamp=content.stamp + later)))
         found.append(RawMessage(message.topic, message.log_time + later, data))
     return found
@@ -303,7 +299,7 @@ def of_bytes(content):
 
 
 HIP = ("hip", "knee", "ankle")
-TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
+TOLD = {
     "two publishers": (
         lambda p, g: two_channels(p, g, 0.0),
         0,

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.recorder import BagWriter
@@ -16,7 +15,6 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS, MESSAGE_TYPES
 from tests.helpers.walking import ANGLES, FORCE, STRIDE
 
-Floats = NDArray[np.float64]
 TRUE = {"person.moment_arm_scale": 0.9, "person.co_contraction": 0.35, "person.tone": 0.25}
 FREE = list(TRUE)
 BODY = {"person.mass": 70.0, "person.height": 1.75}

@@ -4,11 +4,9 @@ import functools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knee_contact_ros import load_model
 
-Floats = NDArray[np.float64]
 TRUE = {"contact.stiffness": 7.0e7, "contact.damping": 4000.0, "contact.exponent": 1.5}
 START = {"contact.stiffness": 9.0e7, "contact.damping": 6000.0}
 FINE = {"fidelity.tolerance": 1e-9, "fidelity.level": "dynamic"}

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.estimator import LoadEstimateFields
 from knee_contact_ros.lab.opensim import Files, child, read_knee
 from knee_contact_ros.lab.opensim.results import AXES, ImportSettings
 from knee_contact_ros.lab.opensim.run import run_python
@@ -307,7 +306,7 @@ def estimated(bag, config, output):
     parameters = load_parameters(
         [config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters
     )
-    estimates: dict[int, LoadEstimateFields] = {}
+    estimates = {}
     return estimate_load(
         bag,
         parameters,

@@ -9,7 +9,6 @@ from mcap.reader import make_reader
 from knee_contact_ros.bags.answers import read_bag
 from knee_contact_ros.bags.bag import INPUT_TYPES
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import not_installed
 from tests.helpers.offline import solve
 from tests.lab.opensim.storages import (
@@ -56,7 +55,7 @@ def test_a_bag_comes_out_that_solve_takes(results, tmp_path, capsys):
     assert (messages[0].topic, messages[1].topic) == ("/joint_states", "/joint_reaction_force")
     assert list(messages[0].message.name) == ["knee"]
     assert messages[1].message.header.frame_id == "tibia_r"
-    summary = solve(bag, load_parameters("healthy"), tmp_path / "out.mcap")
+    summary = solve(bag, "healthy", tmp_path / "out.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (241, 0, 0)
     assert summary.peaks["load"].load == pytest.approx(900.0, rel=1e-9)
 
@@ -155,7 +154,6 @@ LATE = "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"
         (f"{ONE_SIDE} --side both --joint knee_r", "give --side right or left with them"),
         (f"{ONE_SIDE} --output walk.mcap", "as a folder; give its name without .mcap"),
         (f"{ONE_SIDE} --output jr.sto --overwrite", "is a file and not a bag's folder"),
-        ("--kinematics=q.sto --reactions=jr.sto --output=walk", "--side"),
         (f"{ONE_SIDE} --ground late.xml", "--ground needs --model M.osim, to find the ankle"),
         (
             f"{ONE_SIDE} --ground --model m.osim",

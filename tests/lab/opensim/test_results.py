@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -67,16 +66,11 @@ def times_of(gait):
 UNITS = [
     ((-69.0, 1.0), True, "^deg$"),
     ((-1.2, 0.02), False, "^rad$"),
-    ((0.0, 60.0), None, "^deg$"),
-    (
-        (0.5, 3.6),
-        None,
-        "^deg$",
-    ),  # no knee bends by 3.5 rad; one that hardly moves has so few degrees
+    # No knee bends by 3.5 rad; one that hardly moves has so few degrees.
+    ((0.5, 3.6), None, "^deg$"),
     ((0.5, 3.4), None, "does not say inDegrees"),
     ((-69.0, 1.0), False, "inDegrees=no, but a goes from -69 to 1, like degrees; give --angle"),
     ((-1.2, 0.02), True, r"inDegrees=yes, but a goes from -1\.2 to 0\.02, like rad; give --angle"),
-    ((0.0, 1.2), None, r"does not say inDegrees, and a goes from 0 to 1\.2; give --angle-unit"),
 ]
 SIGNS = [
     ((-69.0, 1.0), None, None, "^-1$"),
@@ -96,7 +90,6 @@ ANGLES = [
     *((f"{OTHER_ANGLES} {STATES}speed {n}", "right", None, f"^{n}$") for n in KNEE_ANGLES.split()),
     ("/jointset/k/kfr/value x", "right", "kfr", "^/jointset/k/kfr/value$"),
     ("knee_angle_r hip", "left", None, "no angle of the left knee, but knee_angle_r, hip.*--coor"),
-    ("knee_angle_r knee_flexion_r", "right", None, "has knee_angle_r, knee_flexion_r; choose one"),
     (f"knee_angle_r {STATES}value", "right", None, f"has knee_angle_r, {STATES}value; choose one"),
     ("x", "right", "kfl", r"no column kfl \(--coordinate\); it has x"),
 ]
@@ -104,14 +97,12 @@ OTHER_REACTIONS = ("hip_r femur_r", "patellofemoral_r patella_r", "knee_l tibia_
 LERNER = "knee_r articulation_r"
 LATERAL, MEDIAL = "lat_cond_r lat_r", "med_cond_r med_r"
 NONE = "none acts on the tibia of the right knee"
-REACTIONS: list[tuple[list[str], str | None, list[str] | str]] = [
+REACTIONS = [
     (["knee_r tibia_r"], None, ["knee_r tibia_r"]),
-    (["knee_r tibia_proximal_r"], None, ["knee_r tibia_proximal_r"]),
     (["knee_r femur_r tibia_r", "knee_r tibia_r"], None, ["knee_r tibia_r"]),
     (["k1 tibia_r", "knee_r tibia_r"], "k1", ["k1 tibia_r"]),
     (["k1 tibia_r"], "k2", r"no joint k2 \(--joint\); it has .*k1"),
     (["knee_r tibia_r", "old_knee_r tibia_r"], None, rf"knee_r.* {NONE}, or several do; .*--jo"),
-    (["knee_r tibia_r femur_r"], None, ["knee_r tibia_r femur_r"]),
     (
         ["knee_r femur_r", "knee_r tibia_r ground", "knee_r tibia_r"],
         None,
@@ -123,7 +114,6 @@ REACTIONS: list[tuple[list[str], str | None, list[str] | str]] = [
     ([LERNER, LATERAL, MEDIAL], None, [MEDIAL, LATERAL]),
     ([LERNER, LATERAL], None, NONE),
     ([LERNER], "knee_r", f"of knee_r {NONE}"),
-    (["ankle_r tibia_r"], None, NONE),
     (["knee_r patella_r"], None, NONE),
     ([], None, "of hip_r, patellofemoral_r, knee_l none .*--joint"),
 ]
@@ -157,7 +147,7 @@ def test_a_knees_angle_is_found(names, side, coordinate, found):
 @pytest.mark.parametrize(("there", "joint", "found"), REACTIONS)
 def test_the_knees_reaction_is_found_or_the_error_names_an_option(there, joint, found):
     names = [column(each, axis) for each in (*OTHER_REACTIONS, *there) for axis in AXES[:6]]
-    chosen: Any = outcome(find_reactions, table(names), "right", joint)
+    chosen = outcome(find_reactions, table(names), "right", joint)
     if isinstance(found, str):
         assert re.search(found, chosen)
     else:
@@ -183,7 +173,6 @@ def test_other_columns(names, found):
     ("sign", "unit", "header", "names"),
     [
         (-1.0, "deg", "yes", "knee_angle_{}"),
-        (1.0, "deg", "yes", "knee_angle_{}"),
         (1.0, "rad", "no", "/jointset/walker_knee_{0}/knee_angle_{0}/value"),
         (-1.0, "deg", None, "knee_flexion_{}"),
     ],

@@ -3,7 +3,6 @@
 import bz2
 import gzip
 import zlib
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ def saved(path, mesh, unit=1.0):
     """Write a mesh in the form of its suffix."""
     import pyvista
 
-    polygons: Any = pyvista.PolyData.from_regular_faces(mesh[0] / unit, mesh[1])
+    polygons = pyvista.PolyData.from_regular_faces(mesh[0] / unit, mesh[1])
     polygons.save(path)
     return path
 
@@ -85,7 +84,7 @@ def spaced(path, mesh, space):
     """Write a mesh in mm that says in its header which way its axes point, as 3D Slicer does."""
     import pyvista
 
-    polygons: Any = pyvista.PolyData.from_regular_faces(1e3 * mesh[0], mesh[1])
+    polygons = pyvista.PolyData.from_regular_faces(1e3 * mesh[0], mesh[1])
     said = f"3D Slicer output. SPACE={space}"
     if path.suffix == ".vtp":
         polygons.field_data["SPACE"] = [space]
@@ -128,7 +127,7 @@ def other_map(path, encoding, space="left-posterior-superior"):
     """The label map of `label_map` as NRRD or MetaImage, of which the last axis of the voxels comes first, reversed."""
     import nibabel
 
-    image: Any = nibabel.load(label_map(path.with_suffix(".nii")))
+    image = nibabel.load(label_map(path.with_suffix(".nii")))
     values = np.asarray(image.dataobj).copy().transpose(2, 0, 1)[::-1]
     path.with_suffix(".nii").unlink()
     directions, origin = (

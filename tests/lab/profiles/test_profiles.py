@@ -3,7 +3,6 @@
 import io
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -115,11 +114,9 @@ def test_noise_moves_the_contact_point_little():
 
 def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave():
     found = fit(femur(TWO_RADII), MIDDLE, bone=femur(TWO_RADII, inwards=2.5 * MM))
-    assert found.thickness is not None
     # The profile may lie off by the tolerance; the middle of the slab lies in the slice itself.
     assert found.thickness.mean == pytest.approx(2.5 * MM, abs=SMOOTHING_TOLERANCE + FACET)
     found = fit(tibia(), MIDDLE, femur=False, bone=tibia(inwards=1.7 * MM))
-    assert found.thickness is not None
     assert found.thickness.mean == pytest.approx(1.7 * MM, abs=SMOOTHING_TOLERANCE)
     # The widest window is 22 mm: 0.6 mm high, on which facets of `FACET` tell by 0.5 %, and smoothing likewise.
     assert radii(found) == pytest.approx([0.095] * 4, rel=0.03)
@@ -260,7 +257,6 @@ def test_a_label_map(tmp_path):
     # A voxel's edge lies up to half a voxel off the circle, and steps of it cancel over arcs of 20 mm.
     assert len(found.circles) >= 2
     assert radii(found) == pytest.approx([0.028] * len(found.circles), rel=0.05)
-    assert found.thickness is not None
     assert found.thickness.mean == pytest.approx(3.0 * MM, abs=VOXEL * MM)
 
 
@@ -295,7 +291,7 @@ def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path):
     import nibabel
 
     path = label_map(tmp_path / "knee.nii")
-    image: Any = nibabel.load(path)
+    image = nibabel.load(path)
     plain = nibabel.Nifti1Image(np.asarray(image.dataobj), None)
     plain.header.set_zooms([VOXEL] * 3)
     nibabel.save(plain, tmp_path / "plain.nii")
@@ -316,7 +312,6 @@ def test_a_mesh_far_from_its_origin_is_fitted_about_the_origin_that_the_refusal_
     arguments = ["fit-profile", str(mesh), "--slice", "-18", "--output", str(output)]
     assert main(arguments) == 2
     cure = re.search(r"--origin=-?[\d.]+,-?[\d.]+$", capsys.readouterr().err.strip())
-    assert cure
     assert main([*arguments, cure[0]]) == 0
     assert np.abs(np.genfromtxt(output, delimiter=",", skip_header=6)).max() < 0.050
 
@@ -350,7 +345,6 @@ def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
     for words in ("convex everywhere", "normals of -15° to 25°", "by 0.050 mm (RMS)"):
         assert words in told
     depth = re.search(r"thickness: (\S+)", told)
-    assert depth
     assert float(depth[1]) == pytest.approx(2.5 * MM, abs=SMOOTHING_TOLERANCE)
     assert sorted(path.name for path in output.parent.iterdir()) == [
         "profile.csv",
@@ -366,7 +360,6 @@ def test_models_read_a_fitted_profile_and_osteoarthritis_keeps_its_own_depth(
             r"largest .* 0\.538 ", capsys.readouterr().out
         )  # of the healthy law: 0.747 mm
         stored = read_provenance(recording)
-        assert stored is not None
         assert stored.parameters.femur.profile == str(output)
         assert stored.parameters.contact.law == "two_layer_viscoelastic"
 

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -44,7 +43,7 @@ def unoriented(path):
     """A label map of which the header does not say how its voxels lie."""
     import nibabel
 
-    image: Any = nibabel.load(label_map(path))
+    image = nibabel.load(label_map(path))
     plain = nibabel.Nifti1Image(image.get_fdata(), None)
     nibabel.save(plain, path)
 

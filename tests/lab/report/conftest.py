@@ -1,8 +1,5 @@
 """Reports, and what they are made of."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
 
 from knee_contact_ros.commands.main import main
@@ -13,8 +10,6 @@ from tests.helpers.offline import solve
 DEVIATIONS = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
 RUNS = ["right", "right, with osteoarthritis.yaml", "left", "left, with osteoarthritis.yaml"]
 """Runs of `both`"""
-
-Report = Callable[..., Path]
 
 
 @pytest.fixture(scope="session")

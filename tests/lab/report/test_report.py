@@ -25,7 +25,6 @@ from knee_contact_ros.lab.report.gathered import (
 )
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
-from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, types_of
 from knee_contact_ros.view.picture import saved_figure
 from tests.helpers.bags import raw_messages
@@ -297,7 +296,7 @@ def test_means_over_recordings_leave_out_what_laws_do_not_share(
 ):
     files = [tmp_path / f"{name}.mcap" for name in ("healthy", "mri_femur", "osteoarthritis")]
     for file in files:
-        solve(right_bag, load_parameters(config / f"{file.stem}.yaml"), file)
+        solve(right_bag, config / f"{file.stem}.yaml", file)
     group = text_of(report(*files)).partition("All recordings")[2]
     _, left_out, more = group.partition("Left out: what is not comparable under different laws.")
     rows = more.partition("Over time")[0]
@@ -381,7 +380,7 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tm
 def test_doubts_come_first(bags, tmp_path, report):
     """Solved for the report, and as a recording says it itself."""
     recording = tmp_path / "knee.mcap"
-    solve(bags[0], load_parameters({"contact.stiffness": 2500.0}), recording)
+    solve(bags[0], {"contact.stiffness": 2500.0}, recording)
     samples = [(i * 10_000_000, 0.1, -800.0) for i in range(121)]
     out = report(recording, make_bag(tmp_path / "pulled.mcap", samples))
     check_html(page_of(out))
@@ -399,7 +398,7 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path, repo
     heights = 0.0335 - 3e-4 * np.sin(0.05 * np.arange(100.0)) ** 2
     bag = make_bag(tmp_path / "pressed.mcap", samples, heights=heights)
     recording, deviations = tmp_path / "height.mcap", tmp_path / "sd.yaml"
-    solve(bag, load_parameters({"drive": "displacement"}), recording)
+    solve(bag, {"drive": "displacement"}, recording)
     deviations.write_text("contact.stiffness: 20 %\n")
     out = report(recording, "--uncertainty", deviations)
     text = text_of(out)

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from typing import Any
 
 import pandas as pd
 
@@ -75,12 +74,12 @@ class Cluster:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{self.port}"
-        self._quiet: dict[str, Any] = {
+        self._quiet = {
             "stdout": subprocess.DEVNULL,
             "stderr": (folder / "log").open("ab"),
         }
         self._folder = folder
-        self.workers: list[subprocess.Popen[bytes]] = []
+        self.workers = []
         self.start_scheduler()
 
     def start_scheduler(self):

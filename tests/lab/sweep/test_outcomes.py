@@ -1,11 +1,9 @@
 """What a run comes to, beside the plain formulas over its series; and cases computed together beside single runs."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-import knee_contact_ros
+from knee_contact_ros import UsageError, load_model, solve, sweep
 from knee_contact_ros.lab.knees import Knees, compute
 from knee_contact_ros.lab.outcomes import OUTCOMES
 from knee_contact_ros.lab.recordings import Recording
@@ -77,15 +75,13 @@ def recording(resets=()):
 
 @pytest.mark.parametrize(("threads", "compiled"), [(1, False), (2, True)])
 def test_cases_have_the_bits_of_single_runs_with_time_resets(threads, compiled):
-    total: dict[str, Any] = {"load.compartment": "total"}
+    total = {"load.compartment": "total"}
     knees = Knees(recording(RESETS), load_parameters(total), {})
-    cases: list[dict[str, Any]] = [
-        {"contact.damping": value, "fidelity.tolerance": 1e-7} for value in (0.0, 2e3, 5e4)
-    ]
+    cases = [{"contact.damping": value, "fidelity.tolerance": 1e-7} for value in (0.0, 2e3, 5e4)]
     cases += [TWO_LAYERS, {"contact.stiffness": 1e7, "translation.mechanism": "ball_and_socket"}]
     computed = compute(knees, cases, series=True, threads=threads, compiled=compiled)
     for i, case in enumerate(cases):
-        knee = knee_contact_ros.load_model(total | case, compiled=False)
+        knee = load_model(total | case, compiled=False)
         parts = [
             knee.run(TIME[begin:end], ANGLE[begin:end], LOAD[begin:end])
             for begin, end in zip((0, *RESETS), (*RESETS, len(TIME)), strict=True)
@@ -129,8 +125,8 @@ LOADED = STILL | {"axial_load": [700.0, 700.0]}
     ],
 )
 def test_arrays_that_the_parameters_need_are_not_assumed(gait, params, said):
-    with pytest.raises(knee_contact_ros.UsageError, match=f"^gait: .*{said}"):
-        knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, params)
+    with pytest.raises(UsageError, match=f"^gait: .*{said}"):
+        sweep(gait, {"contact.damping": [1e3]}, params)
 
 
 @pytest.mark.parametrize("muscles", [False, True])
@@ -140,14 +136,14 @@ def test_arrays_without_muscle_forces_are_doubted(muscles, recwarn):
     axial = load if muscles else 1.1 * WEIGHT * load / load.max()
     gait = {"time": time, "flexion_angle": angle, "axial_load": axial}
     knee = {"body_weight": WEIGHT}
-    knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, knee)
+    sweep(gait, {"contact.damping": [1e3]}, knee)
     assert ["the net joint force" in str(each.message) for each in recwarn] == [True] * (
         not muscles
     )
 
 
 def test_a_case_whose_rule_needs_a_moment_fails_without_one():
-    found = knee_contact_ros.sweep(LOADED, {"load.compartment": ["total", "moment_balance"]})
+    found = sweep(LOADED, {"load.compartment": ["total", "moment_balance"]})
     assert found.failed.tolist() == ["", "gait: load rule moment_balance needs frontal_moment"]
 
 
@@ -159,23 +155,19 @@ def test_a_case_whose_rule_needs_a_moment_fails_without_one():
     ],
 )
 def test_a_bag_gives_what_solve_does(params, values, right_bag):
-    varied: dict[str, Any] = values | {"contact.damping": [1e3, 5e3]}
-    found = knee_contact_ros.sweep(right_bag, varied, params, series=True)
+    varied = values | {"contact.damping": [1e3, 5e3]}
+    found = sweep(right_bag, varied, params, series=True)
     sides = [(found.outcomes, found.series)]
     if found.lateral is not None:
         sides.append((found.lateral, found.lateral_series))
     assert (len(sides) == 2) == (params == "both_compartments")
     for i, damping in enumerate(varied["contact.damping"]):
-        medial = knee_contact_ros.solve(
-            right_bag, params, values | {"contact.damping": damping}, compiled=False
-        )
+        medial = solve(right_bag, params, values | {"contact.damping": damping}, compiled=False)
         for (outcome, series), alone in zip(sides, (medial, medial.lateral), strict=False):
-            assert series is not None
-            assert alone is not None
             alone["latency"] = 0.0
             assert bits(series[i]) == bits(alone)
             assert outcome.peak_force[i] == alone.contact_force.max()
     frame = found.to_pandas()
     assert all((frame[name] == value).all() for name, value in values.items())
     assert ("lateral_peak_force" in frame) == (len(sides) == 2)
-    assert knee_contact_ros.sweep(right_bag, varied, params).series is None
+    assert sweep(right_bag, varied, params).series is None

@@ -7,7 +7,6 @@ import socket
 import subprocess
 import warnings
 import zipfile
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import knee_contact_ros
+from knee_contact_ros import solve, sweep, uncertainty
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import study as study_module
 from knee_contact_ros.lab import study_cases
@@ -34,7 +33,6 @@ GRID = {"contact.damping": DAMPINGS, "contact.layer_depth": [3e-4, 5e-4, 7e-4, 9
 TWO = {"contact.damping": DAMPINGS[:2]}
 RADII = {"femur.radius": [0.033, 0.034]}
 RANGES = {"contact.damping": [1e3, 1e4], "femur.mass": {"from": 1.0, "to": 10.0, "scale": "log"}}
-Capture = pytest.CaptureFixture[str]
 
 
 def test_every_case_stands_once_and_the_last_name_changes_soonest():
@@ -83,7 +81,7 @@ def test_the_table_is_that_of_single_runs_on_any_workers(right_bag, address, tmp
             # The depth of a layer has no effect under the law of the healthy knee.
             warnings.filterwarnings("ignore", "contact.layer_depth has no effect")
             values = {name: row[name] for name in GRID}
-            alone = knee_contact_ros.solve(right_bag, row["params"], values)
+            alone = solve(right_bag, row["params"], values)
         assert row["peak_force"] == alone.contact_force.max()
         assert row["peak_depth"] == alone.penetration_depth.max()
         assert row["bag"] == str(right_bag)
@@ -131,7 +129,7 @@ def test_a_damaged_or_implausible_bag_and_unused_parameters_lead_to_warnings(
     )
     damaged.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     make_bag(upside_down, [(i * 10_000_000, 0.3, -1000.0) for i in range(300)])
-    knee_contact_ros.solve(right_bag, "osteoarthritis", output=recorded)
+    solve(right_bag, "osteoarthritis", output=recorded)
     asked, out = tmp_path / "study.yaml", str(tmp_path / "out")
     asked.write_text(f"bags: [{damaged}, {upside_down}, {recorded}]\n")
     last = f"knee-contact: bag {damaged} is damaged, and computed as far as it can be read: "
@@ -151,10 +149,10 @@ def test_a_damaged_or_implausible_bag_and_unused_parameters_lead_to_warnings(
         doubts | {damaged: f"bag {damaged} is damaged, and solved as far as it can be read"}
     ).items():
         with pytest.warns(UserWarning, match=doubt):
-            knee_contact_ros.sweep(bag, TWO)
+            sweep(bag, TWO)
         if bag != recorded:
             with pytest.warns(UserWarning, match=doubt):
-                knee_contact_ros.uncertainty(bag, "healthy", {"axial_load": "5 %"})
+                uncertainty(bag, "healthy", {"axial_load": "5 %"})
 
 
 def test_series_of_both_compartments(address, right_bag, tmp_path):
@@ -164,9 +162,7 @@ def test_series_of_both_compartments(address, right_bag, tmp_path):
     assert computed(asked, out, scheduler=address)[:2] == (2, 0)
     series = pd.read_parquet(out / "_series")
     for _, row in table(out).iterrows():
-        medial = knee_contact_ros.solve(
-            right_bag, "both_compartments", {"contact.damping": row["contact.damping"]}
-        )
+        medial = solve(right_bag, "both_compartments", {"contact.damping": row["contact.damping"]})
         for side, alone in (("medial", medial), ("lateral", medial.lateral)):
             own = series[(series["case"] == row["case"]) & (series["compartment"] == side)]
             assert (own["contact_force"].to_numpy() == alone.contact_force).all()
@@ -337,10 +333,8 @@ def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag, config,
     shutil.copytree(right_bag, other)
     for name, text in (("a.csv", mri), ("b.csv", mri), ("c.csv", mri.rstrip("\n") + "\n\n")):
         (tmp_path / name).write_text(text)
-    curve: dict[str, Any] = {"params": ["mri_femur"]}
-    same: list[
-        list[dict[str, Any]]
-    ] = [  # in each list all are the same case, and those of two lists are not
+    curve = {"params": ["mri_femur"]}
+    same = [  # in each list all are the same case, and those of two lists are not
         [
             {},
             {"values": {"record.path": "a.mcap"}},

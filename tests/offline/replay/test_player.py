@@ -61,7 +61,7 @@ def test_a_message_that_comes_too_late_goes_out_at_once():
 
 
 def test_keys_pause_step_and_go_on():
-    sent: list[RawMessage] = []
+    sent = []
     states = []
     steps = Keys([Command.STEP], [Command.STEP, Command.STEP], [Command.PAUSE])
     player = Player(
@@ -110,7 +110,7 @@ def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits():
 
 
 def test_the_clock_ticks_at_its_own_rate_also_in_pauses():
-    told: list[int] = []
+    told = []
     keys = Keys([], [], [], [], [Command.PAUSE])
     player = Player(keys, paused=True, publish_time=told.append, clock_rate=100.0)
     for _ in player.play(bag(2, 300 * MILLISECOND)):
