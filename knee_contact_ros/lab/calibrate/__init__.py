@@ -326,7 +326,9 @@ def _person(
 ) -> LoadParameters:
     """Return the parameters of the load node for bags of a person."""
     with Bag(bags[0]) as first:
-        return parameters_for(first, _sources(params or (), values), namespace, LoadParameters)
+        sources = _sources(params or (), values)
+        person: LoadParameters = parameters_for(first, sources, namespace, LoadParameters)
+    return person
 
 
 def _problem(
