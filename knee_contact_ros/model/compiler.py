@@ -296,7 +296,7 @@ def linker(target: Target, *, portable: bool = False) -> list[str]:
         BuildError: there is none.
     """
     own = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
-    if own and not portable and host().triple == target.triple:
+    if own and not portable and host() == target:
         return [own]
     if target.linker and importlib.util.find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc", "-target", target.linker]

@@ -1,8 +1,8 @@
 """What each tuned constant of the model is worth: studies once more, with one constant switched off at a time.
 
 A constant is tuned if its docstring says so, and names a study; those of the surfaces are judged by brute force, in
-tests/model/test_surfaces.py. Its value without effect is in `OFF`. The model is translated once; in
-the code of each variant, the numbers that stand for the constants are replaced.
+tests/model/test_surfaces.py. Its value without effect is in `OFF`. Each variant is compiled in a
+process that ends, and judged in another one.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import ast
 import csv
 import importlib
 import multiprocessing
-import struct
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -25,7 +24,6 @@ import click
 
 from knee_contact_ros import model
 from knee_contact_ros.model import compiler, kernel, ticks
-from studies.honesty import measured
 from studies.honesty.kinds import found
 from studies.honesty.study import Row
 
@@ -111,47 +109,36 @@ def set_constants(values: Mapping[str, float]) -> None:
             vars(module).update({key: values[key] for key in values if key in vars(module)})
 
 
-def marked_code(values: Mapping[str, float]) -> tuple[str, dict[str, str]]:
-    """Translate the model, and return its code and what stands there for each constant: a number near its value.
-
-    Raises:
-        LookupError: a constant does not appear in the code.
-    """
-    marks = {
-        name: one * (1.0 + (i + 1) * 2.0**-40) for i, (name, one) in enumerate(values.items())
-    }
-    set_constants(marks)
+def build(values: Mapping[str, float], library: Path) -> None:
+    """Build the model with other values of constants."""
+    set_constants(values)
     code = compiler.translate(ticks.run, kernel.example_knee())
-    bits = {name: in_code(one) for name, one in marks.items()}
-    if missing := [name for name, text in bits.items() if text not in code]:
-        raise LookupError(f"not in the kernel's code: {', '.join(missing)}")
-    return code, bits
+    compiler.build(code, compiler.host()._replace(fast_cpu=""), library)
 
 
-def in_code(value: float) -> str:
-    """Return a number in LLVM's language."""
-    return f"0x{struct.pack('>d', value).hex().upper()}"
+def use(values: Mapping[str, float], library: Path) -> None:
+    """Answer with such a model from now on."""
+    set_constants(values)
+    kernel.has_fast_processor = lambda: False
+    kernel.library_file = lambda: library
 
 
 def judged(
-    code: str, bits: Mapping[str, str], numbers: Mapping[str, range], values: Mapping[str, float]
-) -> list[Row]:
-    """Build a variant of the model, and run numbers of studies with it; in a process of its own, which ends."""
-    set_constants(values)
-    for name, value in values.items():
-        code = code.replace(bits[name], in_code(value))
+    values: Mapping[str, float], numbers: Mapping[str, int], seed: int, workers: int
+) -> dict[str, list[Row]]:
+    """Build a variant of the model, and run the first numbers of studies with it."""
+    context = multiprocessing.get_context("spawn")  # `translate` changes Numba
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder, "variant.so")
-        compiler.build(code, compiler.host()._replace(fast_cpu=""), library)
-        kernel.has_fast_processor = lambda: False
-        kernel.library_file = lambda: library
-        kernel.library.cache_clear()
-        return [
-            row
-            for study, those in numbers.items()
-            for number in those
-            for row in found(study, 1.0, number)[1]
-        ]
+        with ProcessPoolExecutor(1, context) as pool:
+            pool.submit(build, values, library).result()
+        with ProcessPoolExecutor(workers, context, use, (values, library)) as pool:
+            runs = {
+                study: list(pool.map(partial(found, study, 1.0), range(first, first + count)))
+                for first in [seed * 1_000_000]
+                for study, count in numbers.items()
+            }
+    return {study: [row for _, rows in some for row in rows] for study, some in runs.items()}
 
 
 def worth(rows: list[Row]) -> tuple[str, ...]:
@@ -171,26 +158,16 @@ def worth(rows: list[Row]) -> tuple[str, ...]:
 
 def lines(share: float, seed: int, workers: int) -> Iterator[tuple[str, ...]]:
     """Yield the line of the model as it is, and of each constant switched off; `share` is that of `NUMBERS`."""
-    tuned, first = knobs(), seed * 1_000_000
-    modules = {
-        one.name: importlib.import_module(f"{model.__name__}.{one.module}") for one in tuned
-    }
-    values = {name: float(getattr(module, name)) for name, module in modules.items()}
-    variants = [values, *(values | {one.name: OFF[one.name]} for one in tuned)]
-    numbers = {
-        study: range(first, first + max(1, round(share * count)))
-        for study, count in NUMBERS.items()
-    }
-    for number in numbers["measured"]:
-        measured.truth(number)  # most of the work, which the processes of all variants inherit
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        code = pool.submit(marked_code, values).result()  # `translate` changes Numba
-    work = partial(judged, *code, numbers)
-    names = [("", "as it is", "", "", "")]
-    names += [(*one[:3], f"{OFF[one.name]:g}", one.meaning) for one in tuned]
-    with multiprocessing.get_context("fork").Pool(workers, maxtasksperchild=1) as forks:
-        for name, rows in zip(names, forks.imap(work, variants), strict=True):
-            yield *name, *worth(rows)
+
+    def line(values: dict[str, float]) -> tuple[str, ...]:
+        runs = judged(values, numbers, seed, workers).values()
+        return worth([row for rows in runs for row in rows])
+
+    numbers = {study: max(1, round(share * count)) for study, count in NUMBERS.items()}
+    yield "", "as it is", "", "", "", *line({})
+    for knob in knobs():
+        off = OFF[knob.name]
+        yield *knob[:3], f"{off:g}", knob.meaning, *line({knob.name: off})
 
 
 def write(path: Path, found: Iterable[tuple[str, ...]]) -> None:
