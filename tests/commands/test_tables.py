@@ -27,7 +27,7 @@ from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
-MODULES = (tables, terminal, trade)
+MODULES = (tables, terminal)
 NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- |^Take ")
 """Files, and what is printed in whole lines"""
 RULE = re.compile("─+")
