@@ -44,7 +44,7 @@ fi
 
 "$here/.venv/bin/uv" pip install --quiet --target "$work/site" --python-version 3.11 \
     --python-platform aarch64-manylinux_2_28 --only-binary :all: --requirements "$here/pyproject.toml" \
-    "pytest>=8,<9.2" hypothesis matplotlib numba pandas psutil tabulate
+    "pytest>=8,<9.2" hypothesis jinja2 matplotlib numba pandas psutil tabulate
 "$here/.venv/bin/uv" pip install --quiet --target "$work/tools" "ziglang>=0.13"
 
 rm -rf "$checkout"
