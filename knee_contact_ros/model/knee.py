@@ -53,8 +53,10 @@ BUDGET = 20_000
 """Default of the largest number of evaluations in a tick"""
 MOST_BUDGET = 100_000
 """Largest number of evaluations in a tick if the budget is 0"""
-_SAMPLE_LAYOUT, _STAMP_LAYOUT = Struct("4d"), Struct("q")
-"""Write a row of `samples` and the stamp of an answer, in a quarter of the time that NumPy takes"""
+_SAMPLE_LAYOUT = Struct("4d")
+"""Writes a row of `samples`, in a quarter of the time that NumPy takes"""
+_STAMP_LAYOUT = Struct("q")
+"""Writes the stamp of an answer, likewise"""
 _PLAUSIBLE_SHARE = 0.2
 """Fraction of the femoral radius above which a depth is implausible: 6.8 mm of 34 mm, that is 4 mm of cartilage pressed
 flat and nearly as much bone. Contact laws are valid for depths that are small compared with the radius."""

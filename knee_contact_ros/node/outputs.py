@@ -295,6 +295,8 @@ def size_of(item: Any) -> int:
 RECORDER = "recorder"
 LONGEST_BLOCK = NANOSECONDS // 100
 """Longest time [ns] after which a block of the ring ends, so that a snapshot may begin there"""
+MOST_IN_BLOCK = 100
+"""Largest number of answers in a block, also where stamps hardly advance"""
 MAX_ENDING = 4
 """Largest number of recordings being completed at a time, each a process"""
 
@@ -331,6 +333,7 @@ class Ring:
         """
         self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
         self._period = min(self._duration // 100, LONGEST_BLOCK)
+        self._most_in_block = min(most, MOST_IN_BLOCK)
         self._run_state = run_state
         self._state: RunState | None = None
         self._blocks: deque[Block] = deque()
@@ -353,7 +356,7 @@ class Ring:
             if not self._newest:
                 self._begin = self._now
             self._newest.append(item)
-            if self._now >= self._end_at:
+            if self._now >= self._end_at or len(self._newest) >= self._most_in_block:
                 self._end_block()
             return
         self._end_block()

@@ -79,6 +79,14 @@ def test_a_snapshot_is_no_larger_than_the_queue(started, tmp_path):
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))
 
 
+def test_a_snapshot_is_bounded_where_stamps_hardly_advance():
+    """A sensor whose clock stands still fills no memory, and leaves the snapshot its answers."""
+    ring = Ring(1e3, 250, 1e9, lambda: None)
+    for _ in range(5000):
+        ring.put_item(answer(1))
+    assert 150 <= len(ring.kept_items()[0]) <= 250
+
+
 def test_a_recording_that_is_not_open_yet_is_named():
     outputs, states = Outputs(knee := described(), None, lambda: None), {"a": STARTING, "b": OPEN}
     outputs._ending = [
