@@ -1,6 +1,6 @@
 """An hour at 1 kHz with a fault every ten seconds, beside a busy process: what is lost, and is it computed again alike?
 
-python -m studies.fault_soak [--minutes N] [--seed S] [--output FILE]
+python -m studies.fault_soak [--minutes N] [--seed S] [--realtime] [--output FILE]
 """
 
 from __future__ import annotations
@@ -294,13 +294,14 @@ def figures(stretches: Sequence[Stretch], found: Again, refused: str) -> list[li
 @click.option("--minutes", default=60.0, show_default=True)
 @click.option("--seed", default=0, show_default=True)
 @click.option("--busy", "beside", default=1, show_default=True, help="Busy processes beside.")
+@click.option("--realtime", is_flag=True, help="Schedule the node before ordinary processes.")
 @click.option(
     "--output",
     type=click.Path(path_type=Path),
     default=Path("docs/studies/fault_soak.md"),
     show_default=True,
 )
-def main(minutes: float, seed: int, beside: int, output: Path) -> None:
+def main(minutes: float, seed: int, beside: int, realtime: bool, output: Path) -> None:
     """Measure and write the page."""
     dice = random.Random(seed)  # noqa: S311  (no secret)
     with tempfile.TemporaryDirectory() as folder, private_graph() as environment:
@@ -310,7 +311,11 @@ def main(minutes: float, seed: int, beside: int, output: Path) -> None:
         more.write_text(
             "/**:\n  ros__parameters:\n    pairing:\n      wait: 7.0\n", encoding="utf-8"
         )
-        with joined(Peered) as peer, node_process([PARAMETERS, more], work, PATIENCE) as child:
+        values = {"realtime": "true"} if realtime else {}
+        with (
+            joined(Peered) as peer,
+            node_process([PARAMETERS, more], work, PATIENCE, values) as child,
+        ):
             peer.wait_for_node(child.check)
             peer.node_process = child.process.pid
             peer.wait_until(lambda: "knee_contact: viewer" in peer.diagnostics)
@@ -328,6 +333,8 @@ def main(minutes: float, seed: int, beside: int, output: Path) -> None:
         Section("By fault", "", header_, rows(stretches, found.flags)),
     ]
     command = f"python -m studies.fault_soak --minutes {minutes:g} --seed {seed} --busy {beside}"
+    if realtime:
+        command += " --realtime"
     save(output, "Faults at 1 kHz", command, sections, machine())
 
 

@@ -125,8 +125,9 @@ HOW_TO_READ = (
 
 
 SURROUNDED = (
-    "One run each. Busy processes use all processors. Further nodes get the same samples, and do the same work. The "
-    "scene is served without a viewer. CPU is that of the measured node's process, per sample."
+    "One run each. Busy processes use all processors; the measuring process waits for them, too, unless it is a "
+    "real-time one, as a controller is. Further nodes get the same samples, and do the same work. The scene is served "
+    "without a viewer. CPU is that of the measured node's process, per sample."
 )
 
 
@@ -198,7 +199,7 @@ def compare(
 def surround(
     driver: Driver, work: Path, duration: float, advance: OnProgress
 ) -> dict[Surroundings, list[Part]]:
-    """Run our node, with and without --realtime, and a bare one for `duration` [s] in each of the surroundings."""
+    """Run our node and a bare one, ordinary and real-time ones, for `duration` [s] in each of the surroundings."""
     found: dict[str, list[Part]] = {}
     total = len(SURROUNDINGS) * len(BESIDE)
     for place in SURROUNDINGS:

@@ -1,6 +1,6 @@
 """Nodes that compute nothing: what rclpy itself takes for the same topics, in a process of the same shape.
 
-`python -m benchmarks.latency.bare events|single|bytes|beside`, until SIGINT or SIGTERM.
+`python -m benchmarks.latency.bare events|single|bytes|beside|realtime`, until SIGINT or SIGTERM.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
 )
+from knee_contact_ros.system.realtime import begin_realtime
 from knee_contact_ros.system.ros import make_executor
 
 # As in managed_node.py, session.py and inputs.py, which are not imported: a bare node's process holds nothing else.
@@ -34,7 +35,7 @@ INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 SPIN_PERIOD = 0.1
 
-EVENTS, SINGLE, BYTES, BESIDE = "events", "single", "bytes", "beside"
+EVENTS, SINGLE, BYTES, BESIDE, REALTIME = "events", "single", "bytes", "beside", "realtime"
 LOADS = ((0.9e-3, 0.03, 0), (7e-3, 0.2, 10))
 """Processor time [s] of a piece of work, the time [s] from one to the next, and niceness: as recorder and scene do"""
 SHARE = sum(work / period for work, period, _ in LOADS)
@@ -138,7 +139,9 @@ def busy(work: float, period: float, niceness: int) -> None:
 
 
 def main(kind: str) -> None:
-    """Run a bare node of a kind (`EVENTS`, `SINGLE`, `BYTES` or `BESIDE`) until a signal ends it."""
+    """Run a bare node of a kind (`EVENTS` or another of these names) until a signal ends it."""
+    if kind == REALTIME and (forbidden := begin_realtime()):
+        raise SystemExit(forbidden)
     others = [
         multiprocessing.Process(target=busy, args=load, daemon=True)
         for load in LOADS

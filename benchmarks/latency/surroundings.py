@@ -17,10 +17,13 @@ from benchmarks.latency.driver import (
     start_bare,
     start_node,
 )
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import EXIT_PATIENCE, Child
+from knee_contact_ros.system.realtime import begin_realtime, end_realtime
 
 REALTIME = f"{OURS}, --realtime"
-BESIDE = (OURS, REALTIME, BARE)
+BARE_REALTIME = f"{BARE}, real-time"
+BESIDE = (OURS, REALTIME, BARE, BARE_REALTIME)
 BUSY = "while True: pass"
 SYNCED = """
 import os, sys
@@ -44,6 +47,8 @@ class Surroundings(NamedTuple):
     """Programs that run beside it; the first argument is the name of a file"""
     values: tuple[tuple[str, str], ...] = ()
     """Parameters of our node"""
+    listens_first: bool = False
+    """Whether the measuring process is a real-time one, as the controller that listens to a node is"""
 
 
 SURROUNDINGS = (
@@ -53,6 +58,9 @@ SURROUNDINGS = (
     Surroundings("1 kHz, 2 nodes", nodes=2),
     Surroundings("200 Hz, 8 nodes", 200.0, 8),
     Surroundings("1 kHz, 4 busy processes", beside=(BUSY,) * 4),
+    Surroundings(
+        "1 kHz, 4 busy processes, real-time listener", beside=(BUSY,) * 4, listens_first=True
+    ),
     Surroundings("1 kHz, another process fills the disk", beside=(SYNCED,)),
     Surroundings("1 kHz, scene served", values=(("rerun.mode", '"serve"'),)),
 )
@@ -60,7 +68,11 @@ SURROUNDINGS = (
 
 @contextmanager
 def node_in(place: Surroundings, candidate: str, driver: Driver, work: Path) -> Iterator[Child]:
-    """Run a candidate in its surroundings until it answers, and end all of them."""
+    """Run a candidate in its surroundings until it answers, and end all of them.
+
+    Raises:
+        UsageError: it failed, or the system forbids real-time scheduling.
+    """
     work.mkdir()
     with ExitStack() as stack:
         for number, program in enumerate(place.beside):
@@ -72,6 +84,10 @@ def node_in(place: Surroundings, candidate: str, driver: Driver, work: Path) -> 
         driver.feed = Feed(peers=(place.nodes, place.nodes, 1))
         one = stack.enter_context(started(place, candidate, work / "0"))
         driver.wait_for_node(one.check)
+        if place.listens_first:
+            stack.callback(end_realtime)
+            if forbidden := begin_realtime():
+                raise UsageError(forbidden)
         yield one
     driver.wait_for_nobody()
 
@@ -84,8 +100,9 @@ def started(
     topics = ("joint_states", "joint_reaction_force")
     remaps = [f"{topic}:=/{topic}" for topic in topics] + [f"__ns:={namespace}"]
     more = ["--ros-args", *(word for each in remaps for word in ("-r", each))] if namespace else []
-    if candidate == BARE:
-        return start_bare(bare.EVENTS, work, EXIT_PATIENCE, more)
+    if candidate in (BARE, BARE_REALTIME):
+        kind = bare.EVENTS if candidate == BARE else bare.REALTIME
+        return start_bare(kind, work, EXIT_PATIENCE, more)
     command = [sys.executable, "-m", "knee_contact_ros.commands.main", "node"]
     command += ["--realtime"] if candidate == REALTIME else []
     files = [] if namespace else [PARAMETERS]
