@@ -141,7 +141,7 @@ def provenance_record(
 def beginning(ticks_before: int, state: RunState | None) -> dict[str, str]:
     """Return the part of the record about a recording that begins after a number of ticks, in a state of the run."""
     record = {TICKS_BEFORE: str(ticks_before)}
-    if ticks_before and state:
+    if state:
         record[STATE] = json.dumps(state, default=methodcaller("tolist"))
     return record
 

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from ..bags.provenance import (
     PARAMETERS_CHANGED,
+    STATE,
     beginning,
     change_record,
 )
@@ -370,7 +371,9 @@ class Session(ABC):
         path = next(free_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
         record = self.parameters.record.model_copy(update={"path": str(path)})
         knee = self._recorded_knee(self.parameters.model_copy(update={"record": record}))
-        provenance = {**knee.provenance, **beginning(self.pipeline.ticks - answers, state)}
+        provenance = dict(knee.provenance)
+        provenance.pop(STATE, None)  # that after the last answer
+        provenance |= beginning(self.pipeline.ticks - answers, state)
         self.outputs.save_snapshot(items, knee._replace(provenance=provenance))
         return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
 

@@ -265,8 +265,13 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         wrench = head + summed_wrench(rows)
         return ContactAnswer(pair, angle, axial, tuple(rows), messages, wrench)
 
-    def run_state(self) -> RunState:
-        """Return what the next tick depends on, besides the samples that have not been answered yet."""
+    def run_state(self) -> RunState | None:
+        """Return what the next tick depends on, besides the samples that have not been answered yet.
+
+        None if nothing has happened yet.
+        """
+        if not (self.ticks or self.synchroniser.will_restart):
+            return None
         waiting = self.synchroniser.unpaired_angles
         end = waiting[0].stamp if waiting else math.inf
         used = takewhile(lambda one: one.stamp < end, self.synchroniser.angles)
@@ -288,7 +293,7 @@ class ContactPipeline(Pipeline[ContactAnswer]):
         self.frame.is_known = True
         self.synchroniser.expect_recording()
         self.is_lost = ticks_before > 0 and state is None
-        if state is None or ticks_before == 0:
+        if state is None:
             return
         angles = [AngleSample(stamp, angle, b"", *more) for stamp, angle, *more in state.angles]
         self.synchroniser.resume(angles, (), (), state.stamp)

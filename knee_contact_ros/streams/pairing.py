@@ -150,6 +150,11 @@ class Synchroniser:
         self.last_pair = last_pair
         self._has_paired = True
 
+    @property
+    def will_restart(self) -> bool:
+        """Whether the next tick starts from rest, although it may not be the first one."""
+        return bool(self._flags & TIME_RESET)
+
     def restart(self) -> None:
         """Make the next tick start from rest, as after a jump back in time."""
         self.last_pair = None

@@ -100,6 +100,14 @@ def test_after_a_reset_it_begins_from_rest(tmp_path):
     assert again(tmp_path / "middle.mcap", tmp_path) == live
 
 
+@pytest.mark.parametrize("reset", [False, True])
+def test_a_reset_before_the_first_answer_is_known(tmp_path, reset):
+    live = recorded("healthy", tmp_path / "begin.mcap", 0, reset)
+    assert again(tmp_path / "begin.mcap", tmp_path) == live
+    (first, *_) = read_answers(tmp_path / "again.mcap")["status"]
+    assert bool(first & Status.TIME_RESET) == reset
+
+
 def test_without_the_state_nothing_is_ok_and_wrong(tmp_path):
     """As recordings of earlier versions are: flagged while the femur may still fly."""
     recorded("healthy", tmp_path / "middle.mcap", 92)
