@@ -9,11 +9,9 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from .errors import printable
-from .terminal import say
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -34,8 +32,6 @@ class Bar:
     def __init__(self, bar: Progress, what: str) -> None:
         """Add a task, described by `what`, to a bar of Rich."""
         self._bar = bar
-        self.what = what
-        """Current description"""
         self._task = bar.add_task(printable(what), total=None)
         self._next_update = 0.0 if not bar.disable else math.inf
 
@@ -48,12 +44,7 @@ class Bar:
 
     def describe(self, what: str) -> None:
         """Change the description of the bar."""
-        self.what = what
         self._bar.update(self._task, description=printable(what))
-
-
-_SHOWN_BAR: ContextVar[Bar | None] = ContextVar("bar", default=None)
-"""Bar that is now on the terminal"""
 
 
 @contextmanager
@@ -71,39 +62,10 @@ def progress(what: str) -> Iterator[Bar]:
     description = TextColumn("{task.description}", markup=False)
     columns = (description, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    hidden = not console.is_terminal
-    # Rich 13.7 ends a hidden bar with an empty line.
-    console.quiet = hidden
+    hidden = (
+        console.quiet
+    ) = not console.is_terminal  # Rich 13.7 ends a hidden bar with an empty line
     with Progress(*columns, console=console, disable=hidden, transient=True) as bar:
         # A process that Ctrl-Z stops would leave the terminal without a cursor.
         console.show_cursor(True)
-        update = Bar(bar, what)
-        token = _SHOWN_BAR.set(None if hidden else update)
-        try:
-            yield update
-        finally:
-            _SHOWN_BAR.reset(token)
-
-
-@contextmanager
-def announce(what: str) -> Iterator[None]:
-    """Announce slow work on stderr: in the bar on the terminal, else with a clock; in a pipe as a line."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    if bar := _SHOWN_BAR.get():
-        before = bar.what
-        bar.describe(what)
-        yield
-        bar.describe(before)
-    elif console.is_terminal:
-        description = TextColumn("{task.description}", markup=False)
-        columns = (SpinnerColumn(), description, TimeElapsedColumn())
-        with Progress(*columns, console=console, transient=True) as clock:
-            console.show_cursor(True)
-            clock.add_task(printable(what), total=None)
-            yield
-    else:
-        say(what, err=True)
-        yield
+        yield Bar(bar, what)
