@@ -259,9 +259,11 @@ class Synchroniser:
             return
         other = last + self.angle_delay if of_load else last
         if abs(stamp - other) <= self._max_gap:
-            self._differing_since = None
+            since, self._differing_since = self._differing_since, None
             if self.clocks_differ:
-                self._differing_since = LONG_AGO  # the stamp may be wrong
+                # The stamp may be wrong; but after a jump each burst has one that agrees.
+                if since != LONG_AGO or not self.clock_sets.agree:
+                    self._differing_since = LONG_AGO
                 self._set_clocks_differ(False)
         elif of_load and (self._differing_since is None or stamp < self._differing_since):
             self._differing_since = stamp
@@ -273,7 +275,8 @@ class Synchroniser:
 
     def _note_doubt(self) -> None:
         faster = min(self.angle_time.step_limit, self.load_time.step_limit)
-        self.clock_sets.note_doubt(faster // LONG_STEP)
+        differ = self.clocks_differ or self._differing_since == LONG_AGO
+        self.clock_sets.note_doubt(faster // LONG_STEP, None if differ else self.load_time.last)
 
     def _note_settled(self, step: int) -> None:
         """Judge the clocks after a step [ns]; if it is a jump, they differ as soon as their stamps do."""

@@ -348,6 +348,26 @@ def test_bursts_are_no_clock_offset():
     assert [pair.status for pair in pairs] == [0] * 600
 
 
+BURST = 250
+"""Time [ms] between two bursts"""
+
+
+@pytest.mark.parametrize("apart", [-300, -200, 200, 300])
+@pytest.mark.parametrize("both", [False, True])
+def test_bursts_do_not_hide_a_clock_that_is_set(apart, both):
+    """The stamps of both meet in a part of each burst, so they do not differ for a second."""
+    synchroniser, flags = Synchroniser(PairingSection(wait=2.0)), []
+    for begin in range(0, 15000, BURST):
+        for one, push in ((angle, synchroniser.push_angle), (load, synchroniser.push_load)):
+            for time in range(begin, begin + BURST, 10):
+                off = apart if time >= 6000 and (both or one is load) else 0
+                pairs = list(push(one(time + off)))
+                flags += [(time, pair.status & STALE) for pair in pairs]
+    assert not any(flag for time, flag in flags if time < 6000)
+    assert all(bool(flag) != both for time, flag in flags if time > 8500)
+    assert bool(synchroniser.clock_sets.apart) != both
+
+
 def test_a_constant_latency_is_reported():
     synchroniser = Synchroniser(PairingSection(angle_delay=0.02))
     for time in range(0, 1000, 10):
