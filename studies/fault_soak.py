@@ -50,8 +50,8 @@ RATE = 1000.0
 """Rate of the samples [Hz]"""
 BETWEEN = 10_000
 """Number of good samples from one fault to the next"""
-PATIENCE = 60.0
-"""Time [s] to wait for what must come"""
+PATIENCE = 600.0
+"""Time [s] to wait for what must come; the viewer is the last in turn on a busy machine"""
 SETTLED = 0.1
 """Part of the run after which memory must not grow"""
 LEFT_OUT = ("time jumps back", "stop of no recording")
