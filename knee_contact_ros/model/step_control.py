@@ -27,7 +27,7 @@ Tuned; `studies.honesty scenes` would notice: evaluations rise by a third withou
 STEP_ROUNDING = 4.0 * sys.float_info.epsilon
 """Relative error of a height or velocity below which it is rounding, which no smaller step can cure."""
 RELEASE_STEPS = 8.0
-"""A falling force or layer counts as about to end if it will within this number of steps. Tuned; `studies.honesty
+"""A falling force, load or layer counts as about to end if it will within this number of steps. Tuned; `studies.honesty
 scenes` would notice: 2.5 % more of the ticks are flagged without it."""
 REBOUND_FORCE_RATIO = 2.0
 """Contact force over the load above which the femur is expected to rebound into the air. Tuned; `studies.honesty
@@ -73,7 +73,10 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
         left_in_layer < RELEASE_STEPS * (begin.stage.depth - step.end.depth)
         and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
     )
-    releases = force < RELEASE_STEPS * (begin_force - force)
+    # A load that ends lets go of a dashpot whose force still grows.
+    end_load = load_at(mode.tick, begin.time + h)
+    unloads = end_load < RELEASE_STEPS * (load - end_load)
+    releases = unloads or force < RELEASE_STEPS * (begin_force - force)
     if ends or releases or force > REBOUND_FORCE_RATIO * load:
         # The error of the velocity is carried into a flight, or into a layer that damps it less.
         flown = velocity_error / (1.0 / VELOCITY_HORIZON)
@@ -93,9 +96,9 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
         allowed = min(allowed, MAX_OSCILLATION_ERROR * amplitude)
     may_bounce = (lasts or len(knee.law) > 3) and not knee.allow_tension
     if mode.impact_speed > 0.0 and may_bounce:
-        # The contact began with a landing, and may end with a launch: its error goes into the next flight. Of several
-        # layers another one may damp less than this one.
-        allowed /= FLIGHT_TOLERANCE_FACTOR
+        # The contact began with a landing, and may end with a launch: its error goes into the next flight, and into all
+        # that follow, so twice as strictly. Of several layers another one may damp less than this one.
+        allowed /= 2.0 * FLIGHT_TOLERANCE_FACTOR
     ratio = whole / (LOCAL_ERROR_SHARE * allowed)
     if step.implicit:
         crept, swung = unresolved_motion(mode, begin, step, h)

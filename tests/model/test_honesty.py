@@ -253,12 +253,25 @@ def test_a_running_arthritic_knee_is_not_lost():
     assert found.said_right.mean() >= 0.95
 
 
-def test_a_knee_that_bounces_is_known_until_it_rests():
-    """A delay grows from flight to flight, but changes no energy, so that nothing is lost."""
-    run = next(one for one in long_runs.long_runs() if "e = 0.97" in one.name)
-    found = answered(long_runs.scene_of(run, 0.0, 7), "dynamic", 1e-6)
+@pytest.mark.parametrize(
+    ("name", "seed", "seconds", "right"),
+    [
+        ("e = 0.97", 7, 2, 1.0),  # a delay grows from flight to flight, but changes no energy
+        (
+            "20 N s/m",
+            7,
+            20,
+            0.95,
+        ),  # each of a hundred flights carries what the ones before were off
+        ("healthy, wandering", 3, 4, 0.9),  # what lets go as its load ends flies for half a second
+    ],
+)
+def test_a_knee_that_leaves_the_contact_is_known_until_it_rests(name, seed, seconds, right):
+    run = next(one for one in long_runs.long_runs() if name in one.name)
+    scene = long_runs.scene_of(run, seconds / (run.hours * 3600.0), seed)
+    found = answered(scene, "dynamic", 1e-6)
     assert covered(found) == 1.0
-    assert found.said_right.all()
+    assert found.said_right.mean() >= right
 
 
 @pytest.mark.parametrize(
