@@ -361,7 +361,12 @@ def _usual_step(steps: deque[int]) -> int:
 
 
 def _are_even(steps: Iterable[int], usual: int) -> bool:
-    """Whether steps [ns], except the extreme ones, are a usual one [ns], by a factor of 1.5 up and 2 down."""
+    """Whether steps [ns], except the extreme ones, are a usual one [ns], by a factor of 1.5 up and 2 down.
+
+    Or most of them are by a tenth: where much is lost, the others are holes.
+    """
     ordered = sorted(steps)
     spare = int(len(ordered) > 2)
-    return 2 * ordered[spare] > usual and 2 * ordered[-1 - spare] < 3 * usual
+    if 2 * ordered[spare] > usual and 2 * ordered[-1 - spare] < 3 * usual:
+        return True
+    return 10 * ordered[0] > 9 * usual and 10 * ordered[len(ordered) // 2] < 11 * usual

@@ -463,6 +463,17 @@ def test_samples_that_are_missing_are_counted_and_uneven_steps_are_not(seed):
     assert paired.angle_time.missing == 0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_most_of_many_losses_are_counted(seed):
+    """At 4 kHz on a busy machine a tenth of the steps were holes, of 1 to 20 samples."""
+    draw, paired, number, lost = random.Random(seed), Synchroniser(PairingSection()), 0, 0
+    for _ in range(3000):
+        list(paired.push_load(LoadSample(number * 5 * MS, 1.0, 0.0, "")))
+        hole = min(int(1.0 + draw.expovariate(0.2)), 18) if draw.random() < 0.1 else 0
+        lost, number = lost + hole, number + 1 + hole
+    assert 0.85 * lost < paired.load_time.missing <= lost
+
+
 def test_a_repeated_stamp_after_a_wrong_one_is_late_and_no_jump():
     """It was taken for the next one of a stream that had jumped, although that was seconds behind."""
     synchroniser, pairs = Synchroniser(PairingSection()), list[PairedSample]()
