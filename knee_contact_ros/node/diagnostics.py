@@ -301,7 +301,10 @@ class Health:
         if off_time:
             problems.append(f"{off_time} stamps fit neither the sample before nor the other topic")
         problems += self._clock_problems(missing)
-        if abs(lead) > self.parameters.pairing.max_gap:
+        refused = paired.refused.total() - paired.refused["no_angle_before"]
+        was_refused = self.increase("refused in pairing", refused) > 0  # so the last ones lie back
+        is_apart = abs(lead) > self.parameters.pairing.max_gap
+        if is_apart and (paired.clocks_differ or not was_refused):
             problems.append(self._lead_problem(lead))
         if full >= 100.0 * WARNING_FILL:
             problems.append(f"{full:.0f} % of pairing.queue wait for the other topic")

@@ -285,4 +285,6 @@ def check_path(store: Typestore, type_name: str, field: MessageNumber, by: str) 
             )
         kind, detail = known[step]
     if kind is not Nodetype.BASE or detail[0] not in (*FIXED, *BYTES):
-        raise UsageError(f"parameter {by}: {written(field)} of {type_name} is not a number")
+        is_list = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        hint = f": name an element, as {written(field)}[0]" if is_list else ""
+        raise UsageError(f"parameter {by}: {written(field)} of {type_name} is not a number{hint}")

@@ -278,6 +278,8 @@ ADVICE = {
     "joint_missing": "knee.joint_name has to be a joint of every sample",
     "too_large": "the topic has to carry joint states or forces only",
     "lengths_differ": "the publisher has to give a position for every name",
+    "out_of_range": "if it is another unit, name it behind the field of the source, as in TOPIC TYPE position[0] deg",
+    "not_finite": "the sensor gives no number",
 }
 """Advice, by the most frequent reason of refusals"""
 
@@ -308,10 +310,8 @@ def unanswered_sentence(pipeline: Pipeline[Any], forces: int, has_angles: bool) 
     refused = pipeline.synchroniser.refused
     reasons = [f"{count} x {reason}" for reason, count in refused.most_common()]
     why = "; ".join(filter(None, (", ".join(reasons), pipeline.last_refusal)))
-    advice = next(
-        (ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE),
-        "look at the stamps",
-    )
+    most = next((reason for reason, _ in refused.most_common()), "")
+    advice = ADVICE.get(most, "look at the stamps")
     if not has_angles:
         why, advice = "", f"is {next(iter(pipeline.sources.values()))} the topic of the angles?"
     return f"{missing} of {forces} forces have no answer ({why or 'no angle came'}): {advice}"

@@ -119,6 +119,16 @@ def test_sentences_name_the_users_topics(clock):
     assert "jumps of exo/ft" in values
 
 
+def test_refused_angles_are_no_clock_that_differs(clock):
+    """Their last stamp lies back; a user with degrees was told to synchronise the clocks."""
+    clock.feed(range(0, 500, 5))
+    for stamp in range(500, 700, 5):
+        clock.paired.synchroniser.refused.count_refused("out_of_range")
+        list(clock.paired.synchroniser.push_load(LoadSample(stamp * MS, 1.0, 0.0, "")))
+    assert clock.paired.synchroniser.lead == 0.2
+    assert "synchronise" not in clock.health.pairing_entry(clock.inputs)[2][1]
+
+
 def test_a_lag_counts_only_while_answers_come_and_after_the_start(clock):
     health = clock.health
     health.counts.start_timer()

@@ -291,6 +291,11 @@ def test_forces_in_other_frames(
             r"exo_msgs/msg/Joint has no field 'speed'; it has name",
         ),
         (
+            "/state exo_msgs/State force deg",
+            "",
+            r"force of exo_msgs/msg/State is not a number: name an element, as force\[0\]",
+        ),
+        (
             "/state exo_msgs/State joints[1].name",
             "",
             r"joints\[1\].name of exo_msgs/msg/State is not a number",

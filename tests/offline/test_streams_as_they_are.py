@@ -189,6 +189,15 @@ def shuffled(messages):
     return found
 
 
+def jittered(messages):
+    """Messages whose log times are off by up to 40 % of a step."""
+    random = np.random.default_rng(63)
+    return [
+        message._replace(log_time=message.log_time + round(random.uniform(-0.4, 0.4) * 5e6))
+        for message in messages
+    ]
+
+
 UNORDERED = {
     "30 messages in the next file": lambda g: [without(g[:650], LATE), [*g[LATE], *g[650:]]],
     "30 messages in the file before": lambda g: [
@@ -202,6 +211,7 @@ UNORDERED = {
     "a file per topic": by_topic,
     "a topic behind the other": lambda g: [[*by_topic(g)[0], *by_topic(g)[1]]],
     "backwards": lambda g: [g[::-1]],
+    "log times with a jitter": lambda g: [jittered(g)],
     "neighbours in any order": lambda g: [shuffled(g)],
 }
 
@@ -346,6 +356,18 @@ TOLD = {
         lambda p, g: mcap(p, in_order(states(g, lambda one: one)[300:], forces(g))),
         1,
         "300 of 387 forces have no answer .*there are no angles at their times",
+    ),
+    "degrees at first": (
+        lambda p, g: mcap(
+            p,
+            in_order(
+                states(g, lambda one: one._replace(position=(57.3,)))[:300],
+                states(g, lambda one: one)[300:],
+                forces(g),
+            ),
+        ),
+        1,
+        r"300 of 387 forces have no answer \(300 x out_of_range.*position\[0\] deg",
     ),
     "ROS 1": (of_bytes(b"#ROSBAG V2.0\n"), 2, "a bag of ROS 1.*rosbags-convert"),
     "compressed": (
