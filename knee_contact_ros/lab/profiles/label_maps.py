@@ -26,17 +26,37 @@ _NUMPY_TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float":
 """NumPy types by the type names in headers, without `signed` and blanks; other names are the same in NumPy"""
 
 
-def _unzip(data: bytes, limit: int) -> bytes:
+_PART = 2**24
+"""Number of bytes that are unpacked at a time: all at once would take twice the memory"""
+
+
+def _unzip(data: bytes, limit: int) -> bytearray:
     """Unpack gzip or zlib, at most `limit` bytes."""
-    return zlib.decompressobj(wbits=32 + zlib.MAX_WBITS).decompress(data, limit)
+    unpacked = bytearray()
+    unpacker = zlib.decompressobj(wbits=32 + zlib.MAX_WBITS)
+    while len(unpacked) < limit and not unpacker.eof:
+        part = unpacker.decompress(data, min(_PART, limit - len(unpacked)))
+        if not part:
+            break
+        unpacked += part
+        data = unpacker.unconsumed_tail
+    return unpacked
 
 
-def _unpack_bzip2(data: bytes, limit: int) -> bytes:
+def _unpack_bzip2(data: bytes, limit: int) -> bytearray:
     """Unpack bzip2, at most `limit` bytes."""
-    return bz2.BZ2Decompressor().decompress(data, limit)
+    unpacked = bytearray()
+    unpacker = bz2.BZ2Decompressor()
+    while len(unpacked) < limit and not unpacker.eof:
+        part = unpacker.decompress(data, min(_PART, limit - len(unpacked)))
+        if not part:
+            break
+        unpacked += part
+        data = b""
+    return unpacked
 
 
-_DECODERS: dict[str, Callable[[bytes, int], bytes]] = {
+_DECODERS: dict[str, Callable[[bytes, int], bytes | bytearray]] = {
     "raw": lambda data, _: data,
     "gzip": _unzip,
     "gz": _unzip,
@@ -81,28 +101,29 @@ def read_label_map(path: Path) -> LabelMap:
     reader = next(reader for suffix, reader in LABEL_MAPS.items() if name.endswith(suffix))
     try:
         found = reader(path)
+        _check_kind(found.values.shape, found.values.dtype)
+        if abs(np.linalg.det(found.affine)) < 1e-12:
+            raise ValueError("its voxels have no volume")
     except Exception as error:  # nibabel raises its own, EOFError, zlib's and more
         raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
-    values = found.values
-    if values.ndim > 3 and set(values.shape[3:]) == {1}:
-        values = values.reshape(values.shape[:3])
-    is_map = values.ndim == 3 and values.size and values.dtype.kind in "biuf"
-    if not is_map or abs(np.linalg.det(found.affine)) < 1e-12:
-        raise UsageError(
-            f"{path}: its voxels have the shape {values.shape} and the type {values.dtype}; a map of numbers in three "
-            "dimensions is needed"
-        )
-    return found._replace(values=values)
+    return found._replace(values=found.values.reshape(found.values.shape[:3]))
 
 
 def _read_nifti(path: Path) -> LabelMap:
     import nibabel
 
-    image: Any = nibabel.load(path)
+    image: Any = nibabel.load(path, keep_file_open=True)
     _check_size(image.shape)
-    if image.dataobj.offset > _LARGEST_LEAD:
-        raise ValueError(f"its voxels begin at byte {image.dataobj.offset}")
-    values = np.asarray(image.dataobj)
+    _check_kind(image.shape, image.get_data_dtype())
+    stored = image.dataobj
+    if stored.offset > _LARGEST_LEAD:
+        raise ValueError(f"its voxels begin at byte {stored.offset}")
+    slabs = (stored[:, :, k] for k in range(image.shape[2]))  # all at once take twice the memory
+    first = next(slabs)
+    values = np.empty(image.shape, first.dtype, order="F")
+    values[:, :, 0] = first
+    for k, slab in enumerate(slabs, start=1):
+        values[:, :, k] = slab
     affine = np.array(image.affine, np.float64)
     if image.header["sform_code"] or image.header["qform_code"]:
         return LabelMap(values, affine)
@@ -180,6 +201,14 @@ def _check_size(shape: tuple[int, ...]) -> None:
         raise ValueError(f"it has {' x '.join(map(str, shape))} voxels; crop it to the knee")
 
 
+def _check_kind(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Refuse voxels that are no numbers in three dimensions."""
+    if len(shape) < 3 or set(shape[3:]) - {1} or dtype.kind not in "biuf":
+        raise ValueError(
+            f"its voxels have the shape {shape} and the type {dtype}; a map of numbers in three dimensions is needed"
+        )
+
+
 def _most_bytes(kind: str, sizes: str, encoding: str) -> int:
     """Return how many bytes the voxels of the given sizes may take in a file.
 
@@ -254,10 +283,10 @@ def _voxels(data: bytes, kind: str, sizes: str, encoding: str, is_big: bool) -> 
             return np.array(data.split(), dtype).reshape(shape, order="F")
         except ValueError:  # its words may come from any file that a header names
             raise ValueError(f"its data are not the {count} numbers of a text") from None
-    data = _DECODERS[encoding](data, count * dtype.itemsize)
-    if len(data) < count * dtype.itemsize:
-        raise ValueError(f"it has {len(data)} of {count * dtype.itemsize} B")
-    return np.frombuffer(data, dtype, count).reshape(shape, order="F")
+    decoded = _DECODERS[encoding](data, count * dtype.itemsize)
+    if len(decoded) < count * dtype.itemsize:
+        raise ValueError(f"it has {len(decoded)} of {count * dtype.itemsize} B")
+    return np.frombuffer(decoded, dtype, count).reshape(shape, order="F")
 
 
 LABEL_MAPS = {

@@ -23,6 +23,10 @@ _LEAST_WIDTH = 0.045
 """Smallest width [m] of a surface with both compartments: condyles and plateaus are 20 to 35 mm wide"""
 _POINTS_AT_ONCE = 256
 """Number of points compared with all segments at a time, as the table would be large for more"""
+_MOST_POINTS = 50_000
+"""Largest number of points of a cloud in a slab: they lie some micrometres apart"""
+_MOST_SEGMENTS = 20_000
+"""Largest number of triangles that a plane cuts: five times those of the finest mesh that is read"""
 _PLACE_STEP = 1e-4
 """Step [m] to which the place of an automatic slice is rounded"""
 
@@ -95,8 +99,9 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
     """Select the points of a cloud within `slab` [m] of `z` [m], or all points if there is no third column."""
     flat = not surface.points[:, 2].any()
     distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
-    inside = np.abs(distance) <= slab + 1e-9  # a plane at its edge, whatever the rounding
-    count = np.count_nonzero(inside)
+    # A plane may lie at its edge, whatever the rounding.
+    inside = np.flatnonzero(np.abs(distance) <= slab + 1e-9)
+    count = len(inside)
     if count < _LEAST_POINTS:
         raise UsageError(
             f"--slice {MM * z:g}: only {count} points of {surface.path} lie within "
@@ -104,6 +109,12 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
         )
     nearest = np.abs(distance).argmin()
     remarks = ["all points of a cloud are used: it must hold the articular side only"]
+    if count > _MOST_POINTS:
+        remarks = [
+            f"of the slab's {count} points {_MOST_POINTS} are used, spread evenly over the file; they must be on the "
+            "articular side only"
+        ]
+        inside = inside[np.linspace(0, count - 1, _MOST_POINTS).astype(np.int64)]
     if abs(distance[nearest]) > _PLANE_DISTANCE:
         there = MM * surface.points[nearest, 2]
         remarks.append(
@@ -158,7 +169,17 @@ def cut_surface(surface: Surface, z: float) -> CutLines:
     """Cut a mesh with the plane at `z` [m]."""
     import pyvista
 
-    triangles: Any = surface.triangles
+    height = surface.points[:, 2]
+    above = (height >= z)[surface.triangles].sum(axis=1)
+    below = (height <= z)[surface.triangles].sum(axis=1)
+    triangles: Any = surface.triangles[(above > 0) & (below > 0)]
+    if len(triangles) > _MOST_SEGMENTS:
+        raise UsageError(
+            f"--slice {MM * z:g} cuts {len(triangles)} triangles of {surface.path}, and at most {_MOST_SEGMENTS} can "
+            "be used: reduce its triangles"
+        )
+    if not len(triangles):
+        return CutLines(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.int64))
     mesh: Any = pyvista.PolyData.from_regular_faces(surface.points, triangles)
     line = mesh.slice(normal="z", origin=(0.0, 0.0, z))
     if line.n_cells == 0:

@@ -8,6 +8,8 @@ import logging
 import math
 import re
 import warnings
+from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from subprocess import TimeoutExpired
 from tempfile import TemporaryDirectory
@@ -30,9 +32,11 @@ _KNEE, _WHOLE = 0.10, 0.15
 """Height [m] of what is used of a whole bone, at the knee; height from which a bone is one"""
 _CLOUD_SUFFIXES = (".txt", ".xyz", ".csv", ".asc", ".dat")
 _LARGEST_FILE = 128_000_000
-"""Largest size of a mesh's file [B]: 2.5 million triangles"""
-_LARGEST_CLOUD = 32_000_000
-"""Largest size of a text with points [B]: a million points"""
+"""Largest size of a file with a mesh or points [B]: 2.5 million triangles"""
+_MOST_POINTS = 4_000_000
+"""Largest number of points of a text: an optical scan of a knee has up to 3 million"""
+_LONGEST_LINE = 1000
+"""Largest number of characters of a line of that text; a longer one counts as several"""
 _LARGEST_MAP = 600_000_000
 """Largest size of a label map's file [B]"""
 _STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -111,10 +115,7 @@ def read_surface(
     kind = path.suffix.lower()
     if kind == ".gz":
         kind = "".join(path.suffixes[-2:]).lower()
-    largest = dict.fromkeys(LABEL_MAPS, _LARGEST_MAP) | dict.fromkeys(
-        _CLOUD_SUFFIXES, _LARGEST_CLOUD
-    )
-    most = largest.get(kind, _LARGEST_FILE)
+    most = _LARGEST_MAP if kind in LABEL_MAPS else _LARGEST_FILE
     if path.stat().st_size > most:
         raise UsageError(
             f"{path} has {path.stat().st_size / 1e6:.0f} MB, and at most {most / 1e6:.0f} MB are read: crop it to the "
@@ -321,11 +322,15 @@ def _read_cloud(path: Path) -> Floats:
     The first line may name the columns; what follows # is a comment.
     """
     try:
-        lines = path.read_text("utf-8-sig").replace(",", " ").lstrip().splitlines()
-        with warnings.catch_warnings():
+        with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of a file without numbers
-            named = bool(lines) and lines[0][0].isalpha()
-            points = np.loadtxt(lines, ndmin=2, skiprows=1 if named else 0)
+            lines = iter(partial(file.readline, _LONGEST_LINE), "")
+            filled = (line.replace(",", " ") for line in lines if not line.isspace())
+            first = next(filled, "").lstrip()
+            rows = chain([] if first[:1].isalpha() else [first], filled)
+            points = np.loadtxt(islice(rows, _MOST_POINTS), ndmin=2)
+            if next(filled, ""):
+                raise ValueError(f"it has more than {_MOST_POINTS} points: reduce them")
         if points.shape[1] not in {2, 3}:
             raise ValueError(f"it has {len(points)} rows of {points.shape[1]} columns")
         return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))

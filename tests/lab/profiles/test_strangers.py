@@ -1,5 +1,6 @@
 """Files of strangers cost a line: they neither end the process, nor fill the memory, nor show other files."""
 
+import bz2
 import gzip
 import time
 import tracemalloc
@@ -125,9 +126,49 @@ def sparse_voxels(folder):
     return path
 
 
+def doubles(path):
+    """A map of 268 MB, packed to one: unpacked at once it took twice that."""
+    nibabel = pytest.importorskip("nibabel")
+    voxels = np.zeros((512, 512, 128), order="F")
+    nibabel.save(nibabel.Nifti1Image(voxels, np.eye(4)), path)
+    return path
+
+
+def packed_nifti(folder):
+    return doubles(folder / "doubles.nii.gz")
+
+
+def packed_nrrd(folder, packed=gzip.compress, encoding="gzip"):
+    path = folder / "doubles.nrrd"
+    head = NRRD.format(kind="double", sizes="512 512 128", encoding=encoding, more="").encode()
+    path.write_bytes(head + packed(bytes(2**28), 1))
+    return path
+
+
+def packed_by_bzip2(folder):
+    return packed_nrrd(folder, bz2.compress, "bzip2")
+
+
 def cloud(folder):
     path = folder / "cloud.xyz"
     path.write_bytes(b"0 0 0\n" * 6_000_000)
+    return path
+
+
+def wide_line(folder):
+    """One line, for which an array of petabytes was asked."""
+    path = folder / "wide.xyz"
+    path.write_bytes(b"0 " * 10_000_000)
+    return path
+
+
+def crossed(folder):
+    """Triangles that all cross every slice, of which each pair was compared."""
+    stl = np.zeros(30_000, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("flags", "<u2")])
+    stl["corners"] = np.random.default_rng(1).uniform(-0.03, 0.03, (30_000, 3, 3))
+    stl["corners"][:, :, 2] = -0.02, -0.01, 0.02
+    path = folder / "crossed.stl"
+    path.write_bytes(bytes(80) + np.uint32(len(stl)).tobytes() + stl.tobytes())
     return path
 
 
@@ -145,11 +186,17 @@ def cloud(folder):
         (greys, "it has more than 1000 different numbers"),
         (words, "it has 67108864 voxels as text"),
         (sparse_voxels, "needs --label N: it has the labels (none but 0)"),
-        (cloud, "has 36 MB, and at most 32 MB are read"),
+        (packed_nifti, "needs --label N"),
+        (packed_nrrd, "needs --label N"),
+        (packed_by_bzip2, "needs --label N"),
+        (cloud, "it has more than 4000000 points"),
+        (wide_line, "it has 20000 rows of 500 columns"),
+        (crossed, "cuts 30000 triangles"),
     ],
 )
 def test_a_file_of_a_stranger_costs_a_line(make, words, tmp_path, capsys):
-    path, begin = make(tmp_path), time.process_time()
+    path = make(tmp_path)
+    begin = time.process_time()
     tracemalloc.start()
     command = ["fit-profile", str(path), "--slice=auto", f"--output={tmp_path / 'p.csv'}"]
     assert main(command) == 2
@@ -169,3 +216,18 @@ def test_a_mesh_of_vtk_is_read_as_before(tmp_path, capsys):
     command = ["fit-profile", str(path), "--slice=0", f"--output={tmp_path / 'p.csv'}"]
     assert main(command) == 2
     assert "--slice 0 misses" in capsys.readouterr().err
+
+
+def test_of_a_dense_cloud_a_part_is_used(tmp_path, capsys):
+    """A scan's slice of 200 000 points would take gigabytes."""
+    angles = np.random.default_rng(1).uniform(-2.6, 2.6, 200_000)
+    path = tmp_path / "scan.xyz"
+    np.savetxt(path, 34.0 * np.column_stack([-np.sin(angles), -np.cos(angles)]), "%.4f")
+    begin = time.process_time()
+    command = ["fit-profile", str(path), "--unit=mm", "--slice=0"]
+    assert main([*command, f"--output={tmp_path / 'p.csv'}"]) == 0
+    assert "50000 are used" in " ".join(capsys.readouterr().out.split())
+    lines = (tmp_path / "p.csv").read_text().splitlines()
+    profile = np.loadtxt([line for line in lines if line[0] in "-.0123456789"], delimiter=",")
+    np.testing.assert_allclose(np.hypot(*profile[:, :2].T), 0.034, atol=2e-5)
+    assert time.process_time() - begin < 10.0
