@@ -309,9 +309,13 @@ def _read_text(path: Path, encoding: str = "auto") -> tuple[str, tuple[str, ...]
         return data.decode("cp1252", errors="replace"), (note,)
 
 
-def each_line(text: str) -> io.StringIO:
-    """Iterate over the lines of a text, with the line ends of any system replaced by newlines."""
-    return io.StringIO(text, newline=None)
+def each_line(text: str) -> io.TextIOWrapper:
+    """Iterate over the lines of a text, with the line ends of any system replaced by newlines.
+
+    `io.StringIO` would take four bytes for each character.
+    """
+    data = io.BytesIO(text.encode("utf-8", "surrogatepass"))
+    return io.TextIOWrapper(data, "utf-8", "surrogatepass", newline=None)
 
 
 def _delimiter_of(line: str, marks: str) -> str:
