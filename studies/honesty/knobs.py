@@ -1,8 +1,7 @@
 """What each tuned constant of the model is worth: studies once more, with one constant switched off at a time.
 
-A constant is tuned if its docstring says so, and names a study; those of the surfaces are judged by brute force, in
-tests/model/test_surfaces.py. Its value without effect is in `OFF`. Each variant is compiled in a
-process that ends, and judged in another one.
+A constant is tuned if its docstring says so, and names a study. Its value without effect is in `OFF`. The model is
+translated once; each variant is that code with other numbers, built and judged in a process that ends.
 """
 
 from __future__ import annotations
@@ -11,19 +10,21 @@ import ast
 import csv
 import importlib
 import multiprocessing
+import struct
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 
 from knee_contact_ros import model
 from knee_contact_ros.model import compiler, kernel, ticks
+from studies.honesty import measured
 from studies.honesty.kinds import found
 from studies.honesty.study import Row
 
@@ -56,22 +57,16 @@ OFF: dict[str, float] = {
     "FLIGHT_ROUNDING": 0.0,
 }
 """Value of each tuned constant that takes its effect away"""
-NUMBERS = {"scenes": 40, "changes": 20, "measured": 3, "cut": 20}
-"""How many numbers of each study judge a variant"""
-HEAD = (
-    "module",
-    "constant",
-    "value",
-    "off",
-    "meaning",
-    "covered",
-    "wrong without a flag",
-    "forces covered",
-    "forces wrong without a flag",
-    "flagged",
-    "falsely flagged",
-    "evaluations per tick",
-)
+NUMBERS = {
+    "scenes": (0, 40),
+    "changes": (0, 20),
+    "measured": (0, 3),
+    "cut": (0, 20),
+    "long_runs": (20, 1),
+}
+"""First number and count of each study that judges a variant"""
+TIME = 0.02
+"""Part of the time of long runs"""
 
 
 class Knob(NamedTuple):
@@ -79,8 +74,7 @@ class Knob(NamedTuple):
 
     module: str
     name: str
-    value: str
-    """As the source has it"""
+    value: float
     meaning: str
 
 
@@ -92,11 +86,11 @@ def knobs() -> list[Knob]:
         for one, following in pairwise(body):
             match one, following:
                 case (
-                    ast.Assign(targets=[ast.Name(id=name)], value=value),
+                    ast.Assign(targets=[ast.Name(id=name)]),
                     ast.Expr(value=ast.Constant(value=str(text))),
                 ) if "Tuned" in text and "studies.honesty" in text:
-                    meaning = " ".join(text.split())
-                    tuned.append(Knob(file.stem, name, ast.unparse(value), meaning))
+                    module = importlib.import_module(f"{model.__name__}.{file.stem}")
+                    tuned.append(Knob(file.stem, name, vars(module)[name], " ".join(text.split())))
     return tuned
 
 
@@ -109,70 +103,76 @@ def set_constants(values: Mapping[str, float]) -> None:
             vars(module).update({key: values[key] for key in values if key in vars(module)})
 
 
-def build(values: Mapping[str, float], library: Path) -> None:
-    """Build the model with other values of constants."""
-    set_constants(values)
-    code = compiler.translate(ticks.run, kernel.example_knee())
-    compiler.build(code, compiler.host()._replace(fast_cpu=""), library)
+def marked(values: Mapping[str, float]) -> tuple[str, dict[str, float]]:
+    """Translate the model, in a process that does nothing else, with marks for constants: numbers next to theirs."""
+    marks = {name: values[name] * (1.0 + (i + 1) * 2.0**-40) for i, name in enumerate(values)}
+    set_constants(marks)
+    return compiler.translate(ticks.run, kernel.example_knee()), marks
 
 
-def use(values: Mapping[str, float], library: Path) -> None:
-    """Answer with such a model from now on."""
-    set_constants(values)
-    kernel.has_fast_processor = lambda: False
-    kernel.library_file = lambda: library
+def variant(code: str, marks: Mapping[str, float], values: Mapping[str, float]) -> str:
+    """Return the code with values in the places of marks."""
+    for name, mark in marks.items():
+        old, new = (f"0x{struct.pack('>d', one).hex().upper()}" for one in (mark, values[name]))
+        if old not in code:
+            raise LookupError(name)
+        code = code.replace(old, new)
+    return code
 
 
 def judged(
-    values: Mapping[str, float], numbers: Mapping[str, int], seed: int, workers: int
-) -> dict[str, list[Row]]:
-    """Build a variant of the model, and run the first numbers of studies with it."""
-    context = multiprocessing.get_context("spawn")  # `translate` changes Numba
+    code: tuple[str, dict[str, float]], numbers: list[tuple[str, int]], values: dict[str, float]
+) -> list[Row]:
+    """Answer with a variant of the model from now on, and run numbers of studies with it."""
+    set_constants(values)
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder, "variant.so")
-        with ProcessPoolExecutor(1, context) as pool:
-            pool.submit(build, values, library).result()
-        with ProcessPoolExecutor(workers, context, use, (values, library)) as pool:
-            runs = {
-                study: list(pool.map(partial(found, study, 1.0), range(first, first + count)))
-                for first in [seed * 1_000_000]
-                for study, count in numbers.items()
-            }
-    return {study: [row for _, rows in some for row in rows] for study, some in runs.items()}
+        compiler.build(variant(*code, values), compiler.host()._replace(fast_cpu=""), library)
+        kernel.has_fast_processor = lambda: False
+        kernel.library_file = lambda: library
+        kernel.library.cache_clear()
+        return [row for study, number in numbers for row in found(study, TIME, number)[1]]
 
 
-def worth(rows: list[Row]) -> tuple[str, ...]:
-    """Add up the rows of a variant: the last columns."""
+def worth(rows: list[Row]) -> dict[str, str]:
+    """Add up the rows of a variant."""
     ticks, known = sum(one.ticks for one in rows), sum(one.known for one in rows)
     forces = [sum(one.forces[i] for one in rows) for i in range(3)]
-    return (
-        f"{sum(one.covered for one in rows) - known} of {known}",
-        str(sum(one.wrong for one in rows)),
-        f"{forces[1] - forces[0]} of {forces[0]}",
-        str(forces[2]),
-        f"{100.0 * sum(one.flagged for one in rows) / ticks:.2f} %",
-        f"{100.0 * sum(one.falsely for one in rows) / ticks:.2f} %",
-        f"{sum(one.evaluations for one in rows) / ticks:.1f}",
-    )
+    return {
+        "covered": f"{sum(one.covered for one in rows) - known} of {known}",
+        "wrong without a flag": str(sum(one.wrong for one in rows)),
+        "forces covered": f"{forces[1] - forces[0]} of {forces[0]}",
+        "forces wrong without a flag": str(forces[2]),
+        "flagged": f"{100.0 * sum(one.flagged for one in rows) / ticks:.2f} %",
+        "falsely flagged": f"{100.0 * sum(one.falsely for one in rows) / ticks:.2f} %",
+        "evaluations per tick": f"{sum(one.evaluations for one in rows) / ticks:.1f}",
+    }
 
 
-def lines(share: float, seed: int, workers: int) -> Iterator[tuple[str, ...]]:
+def lines(share: float, seed: int, workers: int) -> Iterator[dict[str, Any]]:
     """Yield the line of the model as it is, and of each constant switched off; `share` is that of `NUMBERS`."""
+    numbers = [
+        (study, seed * 1_000_000 + first + i)
+        for study, (first, count) in NUMBERS.items()
+        for i in range(max(1, round(share * count)))
+    ]
+    tuned = knobs()
+    values = {one.name: one.value for one in tuned}
+    variants = [values, *(values | {one.name: OFF[one.name]} for one in tuned)]
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        code = pool.submit(marked, values).result()
+    for _, number in (one for one in numbers if one[0] == "measured"):
+        measured.truth(number)  # most of the work; the processes below begin with it
+    with multiprocessing.get_context("fork").Pool(workers, maxtasksperchild=1) as pool:
+        runs = pool.imap(partial(judged, code, numbers), variants)
+        for knob, rows in zip([Knob("", "as it is", 0.0, ""), *tuned], runs, strict=True):
+            yield knob._asdict() | {"off": OFF.get(knob.name, "")} | worth(rows)
 
-    def line(values: dict[str, float]) -> tuple[str, ...]:
-        runs = judged(values, numbers, seed, workers).values()
-        return worth([row for rows in runs for row in rows])
 
-    numbers = {study: max(1, round(share * count)) for study, count in NUMBERS.items()}
-    yield "", "as it is", "", "", "", *line({})
-    for knob in knobs():
-        off = OFF[knob.name]
-        yield *knob[:3], f"{off:g}", knob.meaning, *line({knob.name: off})
-
-
-def write(path: Path, found: Iterable[tuple[str, ...]]) -> None:
+def write(path: Path, found: Iterable[dict[str, Any]]) -> None:
     """Write a table of such lines, and say each as soon as it is there."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        for line in chain([HEAD], found):
-            csv.writer(file, lineterminator="\n").writerow(line)
-            click.echo("  ".join(line[:4] + line[5:]))
+        for i, line in enumerate(found):
+            for row in [list(line), list(line.values())][i > 0 :]:
+                csv.writer(file, lineterminator="\n").writerow(row)
+            click.echo("  ".join(str(line[name]) for name in line if name != "meaning"))

@@ -1,5 +1,8 @@
 """The studies that judge the error estimates: what they count, and that scenes come again."""
 
+from concurrent.futures import ProcessPoolExecutor
+from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -7,12 +10,12 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from knee_contact_ros.model import solver, steps
+from knee_contact_ros.model import compiler, kernel, solver, step_control, steps, ticks
 from knee_contact_ros.model.types import ROW, Status
 from studies.honesty.cut import PARTS
 from studies.honesty.judging import judge
 from studies.honesty.kinds import SETTINGS, STUDIES, TIGHT
-from studies.honesty.knobs import OFF, knobs, set_constants
+from studies.honesty.knobs import OFF, knobs, marked, set_constants, variant
 from studies.honesty.scenes import FAMILIES, TICKS, draw
 from studies.reference import LAWS, Solution
 
@@ -91,6 +94,28 @@ def test_a_constant_that_is_switched_off_reaches_all_modules(monkeypatch):
         monkeypatch.setattr(module, "MAX_EXPLICIT_STEP", module.MAX_EXPLICIT_STEP)
     set_constants({"MAX_EXPLICIT_STEP": 1.5})
     assert steps.MAX_EXPLICIT_STEP == solver.MAX_EXPLICIT_STEP == 1.5
+
+
+def translated(values):
+    set_constants(values)
+    return compiler.translate(ticks.run, kernel.example_knee())
+
+
+@pytest.mark.skipif(find_spec("numba") is None, reason="needs the extra compile")
+def test_a_variant_is_what_compiling_other_constants_gives():
+    """The object codes are the same bytes: no constant is part of a number that Python has computed."""
+    values = {"DAMPED_PHASE": step_control.DAMPED_PHASE, "VELOCITY_HORIZON": 0.1}
+    off = {name: OFF[name] for name in values}
+    work = [(marked, values), (translated, off)]
+    pools = [ProcessPoolExecutor(1, get_context("spawn")) for _ in work]
+    made = [pool.submit(*one) for pool, one in zip(pools, work, strict=True)]
+    (code, marks), other = (one.result() for one in made)
+    for pool in pools:
+        pool.shutdown()
+    host = compiler.host()
+    assert compiler.object_code(variant(code, marks, off), host) == compiler.object_code(
+        other, host
+    )
 
 
 def test_a_reference_that_is_no_better_than_the_model_judges_nothing():
