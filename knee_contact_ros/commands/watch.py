@@ -36,6 +36,8 @@ REDRAW_PERIOD = 0.5
 """Time [s] between two pictures"""
 RATE_TIME = 1.0
 """Time [s] over which the rate of the answers is measured"""
+NO_ANSWER = "no answer yet"
+"""Words where none came since the command began"""
 MEMORY_TIME = 2.0
 """Time [s] without a message after which what came before no longer counts"""
 SETTLING = 1.0
@@ -202,7 +204,8 @@ class Watcher:
         if time.monotonic() - self._reported > MEMORY_TIME:
             self.diagnostics = {}
         why = next(filter(None, map(self._fault, answers.values())), "")
-        why = why or self.diagnostics.get("answers", {}).get("because", "")
+        told = self.diagnostics.get("answers", {}).get("because", "")
+        why = told if not why or (told and why == NO_ANSWER) else why  # the node knows since when
         return {
             "node": self.found.name if self.found else None,
             "state": self.state or None,
@@ -214,7 +217,7 @@ class Watcher:
 
     def _fault(self, numbers: dict[str, Any]) -> str:
         """Why the newest answer of a topic is not usable; empty if it is."""
-        silent = "no answer yet" if numbers["age"] is None else ""
+        silent = NO_ANSWER if numbers["age"] is None else ""
         if not silent and numbers["age"] > MEMORY_TIME:
             silent = f"no answer for {numbers['age']:.0f} s"
         if silent:

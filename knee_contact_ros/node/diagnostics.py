@@ -302,9 +302,11 @@ class Health:
             problems.append(f"{off_time} stamps fit neither the sample before nor the other topic")
         problems += self._clock_problems(missing)
         refused = paired.refused.total() - paired.refused["no_angle_before"]
-        was_refused = self.increase("refused in pairing", refused) > 0  # so the last ones lie back
+        # Of refused samples or a silent topic the last stamp lies back, whatever the clocks.
+        lies_back = self.increase("refused in pairing", refused) > 0
+        lies_back |= time.monotonic() - min(each.meter.last for each in inputs) > abs(lead) / 2.0
         is_apart = abs(lead) > self.parameters.pairing.max_gap
-        if is_apart and (paired.clocks_differ or not was_refused):
+        if is_apart and (paired.clocks_differ or not lies_back):
             problems.append(self._lead_problem(lead))
         if full >= 100.0 * WARNING_FILL:
             problems.append(f"{full:.0f} % of pairing.queue wait for the other topic")

@@ -26,7 +26,7 @@ class Time:
         monkeypatch.setattr("time.monotonic", lambda: self.now)
         monkeypatch.setattr("time.time", lambda: self.age)
         self.logged: list[str] = []
-        stream = SimpleNamespace(meter=SimpleNamespace(longest_pause=0.0))
+        stream = SimpleNamespace(meter=SimpleNamespace(longest_pause=0.0, last=self.now))
         self.inputs: Any = (stream, stream)
         self.of({})
 
@@ -126,6 +126,14 @@ def test_refused_angles_are_no_clock_that_differs(clock):
         clock.paired.synchroniser.refused.count_refused("out_of_range")
         list(clock.paired.synchroniser.push_load(LoadSample(stamp * MS, 1.0, 0.0, "")))
     assert clock.paired.synchroniser.lead == 0.2
+    assert "synchronise" not in clock.health.pairing_entry(clock.inputs)[2][1]
+
+
+def test_a_silent_topic_is_no_clock_that_differs(clock):
+    clock.feed(range(0, 500, 5))
+    for stamp in range(500, 8000, 5):
+        clock.push_angle(stamp)
+    clock.inputs[1].meter.last -= 7.5
     assert "synchronise" not in clock.health.pairing_entry(clock.inputs)[2][1]
 
 
