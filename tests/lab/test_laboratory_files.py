@@ -7,6 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.c3d import read_c3d
+from knee_contact_ros.system.errors import UsageError
 from tests.joint_reaction.test_conventions import stance
 from tests.lab.opensim.test_command import origin
 from tests.lab.test_sensors import angles_of, content, loads_of, stamps_of
@@ -49,6 +51,17 @@ def write_c3d(labels, event=(), mass=(), first=0, **point):
     file.write_bytes(
         file.read_bytes().replace(b"LABELS9", b"LABELS2")
     )  # which no writer would write
+
+
+def test_a_c3d_file_that_crashes_its_reader_costs_a_line(tmp_path, monkeypatch):
+    """The type of a parameter is none."""
+    monkeypatch.chdir(tmp_path)
+    write_c3d(["RKneeAngles"])
+    data = bytearray(Path("walk.c3d").read_bytes())
+    data[data.index(b"USED") + 6] = 255
+    Path("walk.c3d").write_bytes(data)
+    with pytest.raises(UsageError, match="ezc3d ended by signal"):
+        read_c3d(Path("walk.c3d"))
 
 
 @pytest.mark.parametrize(("number", "first"), [(3, 100), (300, 0), (600, 0)])
