@@ -575,7 +575,12 @@ def own_node() -> ManagedNode:
 def found_in(seed: int, number: int) -> list[str]:
     """What is wrong in a schedule."""
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
-        return Schedule(own_node(), random.Random(f"{seed} {number}"), Path(folder)).run()  # noqa: S311
+        before = Path.cwd()
+        os.chdir(folder)  # where a snapshot goes while nothing is recorded
+        try:
+            return Schedule(own_node(), random.Random(f"{seed} {number}"), Path(folder)).run()  # noqa: S311
+        finally:
+            os.chdir(before)
 
 
 @click.command()
