@@ -5,8 +5,6 @@ import re
 from collections.abc import Iterable
 from itertools import count
 from pathlib import Path
-from subprocess import TimeoutExpired
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from ..model.types import Floats
 from ..streams.gait_events import HEEL_STRIKE, TOE_OFF
 from ..system.errors import UsageError, list_names
 from ..system.files import open_regular, require
-from ..system.processes import python_module, running
+from ..system.processes import written_by
 from . import c3d_file
 from .headers import Header
 
@@ -27,8 +25,6 @@ _EVENT = re.compile(
 )
 """Leg, heel strike and toe-off in a label, of which only the letters are left: Foot Strike, RHS, left toe-off"""
 
-_PATIENCE = 60.0
-"""Longest time [s] that ezc3d may take for a file"""
 _MASSES = (15.0, 250.0)
 """Smallest and largest mass [kg] that is taken for a body's; programs write 0 or 1 where nobody gave one"""
 
@@ -76,34 +72,16 @@ def read_c3d(path: Path, *, plates: bool = False) -> Any:
     require("c3d", "ezc3d")
     try:
         open_regular(path).close()
-        read = _by_ezc3d(path, plates)
+        more = "plates" if plates else ""
+        read = pickle.loads(written_by(c3d_file.__name__, path, more, library="ezc3d"))  # noqa: S301  (our own)
     except (OSError, ValueError) as error:
-        raise UsageError(f"cannot read {path}: {error}") from None
+        said = str(error)
+        if "bad_alloc" in said or "MemoryError" in said:
+            said = "its sizes ask for more memory than its samples can take; is it damaged?"
+        raise UsageError(f"cannot read {path}: {said}") from None
     if not read["data"]["points"].shape[2]:
         raise UsageError(f"{path} has no points over time")
     return read
-
-
-def _by_ezc3d(path: Path, plates: bool) -> Any:
-    """Read a file by ezc3d, in a process of its own, which a damaged file may end by a signal."""
-    with TemporaryDirectory() as folder, Path(folder, "log").open("w+b") as log:
-        output = Path(folder, "read")
-        arguments = (str(path.absolute()), str(output), "plates" if plates else "")
-        own = python_module(c3d_file.__name__, *arguments)
-        with running(output=log, patience=1.0, **own) as process:
-            try:
-                code = process.wait(_PATIENCE)
-            except TimeoutExpired:
-                raise ValueError(f"ezc3d does not read it within {_PATIENCE:g} s") from None
-        if code < 0:
-            raise ValueError(f"ezc3d ended by signal {-code}; is it damaged?")
-        if code:
-            log.seek(0)
-            last = log.read().decode(errors="replace").strip().rpartition("\n")[2]
-            if "bad_alloc" in last or "MemoryError" in last:
-                last = ": its sizes ask for more memory than its samples can take; is it damaged?"
-            raise ValueError(last.partition(": ")[2] or last)
-        return pickle.loads(output.read_bytes())  # noqa: S301  (our own)
 
 
 def c3d_mass(path: Path) -> float | None:

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import IO, Any, NamedTuple
 
@@ -121,6 +122,33 @@ def python_module(module: str, *arguments: str) -> dict[str, Any]:
     path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
     command = [sys.executable, "-c", RUN_MODULE, module, *arguments]
     return {"command": command, "env": os.environ | {"PYTHONPATH": path}}
+
+
+def written_by(module: str, path: Path, *more: str, library: str, patience: float = 60.0) -> bytes:
+    """Return what a module writes that reads a file by a library, in a process of its own: a damaged file may end it.
+
+    The module's command line is `INPUT OUTPUT`, and `more`. To be used in the main thread.
+
+    Raises:
+        ValueError: the process ended by a signal, took longer than `patience` [s], or failed; then the text is that
+            of its exception.
+        OSError: no process can be started.
+    """
+    with TemporaryDirectory() as folder, Path(folder, "log").open("w+b") as log:
+        output = Path(folder, "output")
+        own = python_module(module, str(path.absolute()), str(output), *more)
+        with running(output=log, patience=1.0, **own) as process:
+            try:
+                code = process.wait(patience)
+            except subprocess.TimeoutExpired:
+                raise ValueError(f"{library} does not read it within {patience:g} s") from None
+        if code < 0:
+            raise ValueError(f"{library} ended by signal {-code}; is it damaged?")
+        if code:
+            log.seek(0)
+            last = log.read().decode(errors="replace").strip().rpartition("\n")[2]
+            raise ValueError(last.partition(": ")[2] or last)  # without the name of an exception
+        return output.read_bytes()
 
 
 def start_connected(module: str, *arguments: str) -> tuple[Connection, Process]:

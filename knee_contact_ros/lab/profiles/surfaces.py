@@ -4,6 +4,7 @@ Trimesh or VTK reads meshes, and point clouds are text. A label map, or a mesh f
 way its axes point (`SPACE=RAS`); for other files the caller must know.
 """
 
+import io
 import logging
 import math
 import re
@@ -11,15 +12,13 @@ import warnings
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
-from subprocess import TimeoutExpired
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...model.types import MM, Floats, Integers
 from ...system.errors import UsageError, list_names
-from ...system.processes import python_module, running
+from ...system.processes import written_by
 from ..checks import refuse_outside
 from ..units import UNIT_FACTORS
 from . import vtk_file
@@ -46,8 +45,6 @@ _MOST_FACES = 2_500_000
 gigabytes"""
 _MOST_LABELS = 1000
 """Largest number of different numbers in a label map: an image of grey values has more"""
-_VTK_PATIENCE = 60.0
-"""Longest time [s] that VTK may take for a file"""
 _BODY_AXES = "x,y,z"
 """Axes of a mesh in a body's frame"""
 _LEFT_BODY_AXES = "x,y,-z"
@@ -288,22 +285,9 @@ def _read_stl(path: Path) -> tuple[Any, Any, str]:
 
 def _by_vtk(path: Path) -> tuple[Any, Any, str]:
     """Read VTP and VTK with VTK, in a process of its own, which a damaged file may end by a signal."""
-    with TemporaryDirectory() as folder, Path(folder, "log").open("w+b") as log:
-        output = Path(folder, "mesh.npz")
-        own = python_module(vtk_file.__name__, str(path.absolute()), str(output))
-        with running(output=log, patience=1.0, **own) as process:
-            try:
-                code = process.wait(_VTK_PATIENCE)
-            except TimeoutExpired:
-                raise ValueError(f"VTK does not read it within {_VTK_PATIENCE:g} s") from None
-        if code < 0:
-            raise ValueError(f"VTK ended by signal {-code}; is it damaged?")
-        if code:
-            log.seek(0)
-            raise ValueError(log.read().decode(errors="replace").strip().rpartition("\n")[2])
-        with np.load(output) as found:
-            stated = _SPACE.match(f"SPACE={found['space']}")
-            return found["points"], found["triangles"], stated[1] if stated else ""
+    with np.load(io.BytesIO(written_by(vtk_file.__name__, path, library="VTK"))) as found:
+        stated = _SPACE.match(f"SPACE={found['space']}")
+        return found["points"], found["triangles"], stated[1] if stated else ""
 
 
 _MESH_READERS = {

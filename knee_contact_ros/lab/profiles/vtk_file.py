@@ -4,6 +4,7 @@ VTK checks no indices, so a damaged file may end its process by a signal.
 """
 
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,13 @@ def main(path: str, output: str) -> None:
     space = "".join(map(str, read.field_data["SPACE"])) if "SPACE" in read.field_data else ""
     mesh = read.triangulate().clean()
     has_faces = bool(mesh.n_cells and mesh.faces.size)
-    np.savez(
-        output,
-        points=mesh.points if has_faces else read.points,
-        triangles=mesh.regular_faces if has_faces else np.empty((0, 3), np.int64),
-        space=space,
-    )
+    with Path(output).open("wb") as file:  # to whose name nothing is added
+        np.savez(
+            file,
+            points=mesh.points if has_faces else read.points,
+            triangles=mesh.regular_faces if has_faces else np.empty((0, 3), np.int64),
+            space=space,
+        )
 
 
 if __name__ == "__main__":
