@@ -12,6 +12,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -39,7 +40,14 @@ from benchmarks.latency.driver import (
     taken,
     usage,
 )
-from benchmarks.latency.surroundings import BESIDE, SURROUNDINGS, Surroundings, node_in
+from benchmarks.latency.surroundings import (
+    BESIDE,
+    BUSY,
+    REALTIME,
+    SURROUNDINGS,
+    Surroundings,
+    node_in,
+)
 from benchmarks.report import Section, machine, save, table
 from knee_contact_ros.bags.bag import Bag
 from knee_contact_ros.commands.demo import RECORDING, node_process
@@ -463,9 +471,12 @@ MEMORY_WARM_UP = 50_000
 SOAK_PATIENCE = 1200.0
 """Time [s] within which the node must complete its files"""
 MB = 1e6
+LATE = 10.0
+"""Latency [ms] of an answer that is late for a controller"""
+BUSY_SOAK = "real-time, beside four busy processes and heard by a real-time process"
 SOAK_INTRODUCTION = """
-The node ({about}) alone, fed at {rate:g} Hz. Memory is resident memory, looked at every {period} ticks. At the end the
-recording is computed again offline, and all bytes of its `knee_contact` messages are compared.
+The node ({about}) {place}, fed at {rate:g} Hz. Memory is resident memory, looked at every {period} ticks. At the end
+the recording is computed again offline, and all bytes of its `knee_contact` messages are compared.
 """
 
 
@@ -490,17 +501,21 @@ class Moment(NamedTuple):
 
 
 def run_long(
-    driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgress
-) -> list[Moment]:
-    """Run the node for a number of ticks at `rate` [Hz]; its recording, which must be complete, is in `work / "node"`.
+    start: Callable[[], AbstractContextManager[Child]],
+    driver: Driver,
+    rate: float,
+    ticks: int,
+    advance: OnProgress,
+) -> tuple[list[Moment], list[int]]:
+    """Run a node for a number of ticks at `rate` [Hz], and return its moments and all latencies [ns].
 
     Raises:
         UsageError: the node failed.
     """
     moments: list[Moment] = []
+    latencies: list[int] = []
     done = lost = 0
-    candidate = CANDIDATES[OURS]._replace(start=partial(node_process, [PARAMETERS]))
-    with running(candidate, driver, work / "node", SOAK_PATIENCE) as node:
+    with start() as node:
         while done < ticks:
             advance(done, ticks)
             before = usage(node.process.pid)
@@ -509,6 +524,7 @@ def run_long(
             node.check()
             done = done + run.published
             lost = lost + run.lost
+            latencies += run.latencies
             (_, own), *others = after.resident.items()
             children = ", ".join(f"{number}: {resident / MB:.1f}" for number, resident in others)
             moments.append(
@@ -523,7 +539,7 @@ def run_long(
                 )
             )
         advance(done, ticks)
-    return moments
+    return moments, latencies
 
 
 def same_answers(recording: Path, offline: Path) -> tuple[int, int, int]:
@@ -542,22 +558,40 @@ def same_answers(recording: Path, offline: Path) -> tuple[int, int, int]:
     return recorded, computed, different
 
 
-def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, int]) -> Page:
-    """Page of the long run; `compared` is what `same_answers` found."""
+def soak_page(
+    rate: float,
+    place: str,
+    moments: Sequence[Moment],
+    latencies: Sequence[int],
+    compared: tuple[int, int, int],
+) -> Page:
+    """Page of the long run with all its latencies [ns]; `compared` is what `same_answers` found."""
     counted = [moment for moment in moments if moment.ticks >= MEMORY_WARM_UP] or moments[-1:]
     last = moments[-1]
     first = counted[0].resident_mb
     largest = max(moment.resident_mb for moment in counted)
     recorded, computed, different = map(str, compared)
+    every = figures(latencies)
     rows = [
         ["ticks", str(last.ticks)],
         ["lost", str(last.lost)],
         ["lowest rate published [Hz]", f"{min(moment.published_rate for moment in moments):.0f}"],
+        ["median of latency [ms]", milliseconds(every.median)],
+        ["p99 of latency [ms]", milliseconds(every.p99)],
+        ["p99.9 of latency [ms]", milliseconds(every.p999)],
+        ["largest latency [ms]", milliseconds(every.largest)],
         [
-            "largest median of latency [ms]",
+            f"answers later than {LATE:g} ms",
+            str(sum(latency > LATE * 1e6 for latency in latencies)),
+        ],
+        [
+            f"largest median of {PERIOD} ticks [ms]",
             milliseconds(max(moment.median_ms for moment in moments)),
         ],
-        ["largest p99 of latency [ms]", milliseconds(max(moment.p99_ms for moment in moments))],
+        [
+            f"largest p99 of {PERIOD} ticks [ms]",
+            milliseconds(max(moment.p99_ms for moment in moments)),
+        ],
         [f"node's memory after {counted[0].ticks} ticks [MB]", f"{first:.1f}"],
         ["its largest growth since then [MB]", f"{largest - first:.1f}"],
         ["node's memory at the end [MB]", f"{last.resident_mb:.1f}"],
@@ -570,19 +604,33 @@ def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, 
         ["answers offline", computed],
         ["of these not identical", different],
     ]
-    introduction = SOAK_INTRODUCTION.format(about=CANDIDATES[OURS].about, rate=rate, period=PERIOD)
+    introduction = SOAK_INTRODUCTION.format(
+        about=CANDIDATES[OURS].about, place=place, rate=rate, period=PERIOD
+    )
     return Page(
         "Soak", introduction, (Section("Figures", "", ("long run", "value"), rows),), moments
     )
 
 
-def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgress) -> Page:
+def soaked(
+    driver: Driver, work: Path, rate: float, ticks: int, realtime: bool, advance: OnProgress
+) -> Page:
     """Make the long run, and compute its recording again."""
-    moments = run_long(driver, work, rate, ticks, advance)
+    folder = work / "node"
+    if realtime:
+        place = Surroundings(BUSY_SOAK, rate, beside=(BUSY,) * 4, listens_first=True)
+        start = partial(node_in, place, REALTIME, driver, folder, SOAK_PATIENCE)
+        recording = folder / "0" / "knee.mcap"
+    else:
+        candidate = CANDIDATES[OURS]._replace(start=partial(node_process, [PARAMETERS]))
+        start = partial(running, candidate, driver, folder, SOAK_PATIENCE)
+        recording = folder / RECORDING
+    moments, latencies = run_long(start, driver, rate, ticks, advance)
     offline = work / "offline.mcap"
-    with Bag(work / "node" / RECORDING) as bag:
+    with Bag(recording) as bag:
         solve(bag, load_parameters([PARAMETERS]), offline, advance)
-    return soak_page(rate, moments, same_answers(work / "node" / RECORDING, offline))
+    compared = same_answers(recording, offline)
+    return soak_page(rate, BUSY_SOAK if realtime else "alone", moments, latencies, compared)
 
 
 @click.command(help=__doc__)
@@ -642,6 +690,11 @@ def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: OnProgr
     metavar="TICKS",
     help="Run the node alone for so many ticks at --rate instead: memory and recording.",
 )
+@click.option(
+    "--realtime",
+    is_flag=True,
+    help="With --soak: the node and who listens are real-time ones, beside four busy processes.",
+)
 def main(
     output: Path,
     rate: float,
@@ -652,6 +705,7 @@ def main(
     raw: Path | None,
     sustained: bool,
     soak: int,
+    realtime: bool,
 ) -> None:
     """Measure, write a page and its data, and print its tables."""
     command = " ".join(["python -m benchmarks.latency", *sys.argv[1:]])
@@ -661,7 +715,7 @@ def main(
         os.environ.update(environment)
         with joined(Driver) as driver, progress("Measuring") as advance:
             if soak:
-                page = soaked(driver, work, rate, soak, advance)
+                page = soaked(driver, work, rate, soak, realtime, advance)
             elif sustained:
                 page = sustained_page(find_rates(driver, work, rounds, advance))
             else:

@@ -67,23 +67,30 @@ SURROUNDINGS = (
 
 
 @contextmanager
-def node_in(place: Surroundings, candidate: str, driver: Driver, work: Path) -> Iterator[Child]:
-    """Run a candidate in its surroundings until it answers, and end all of them.
+def node_in(
+    place: Surroundings,
+    candidate: str,
+    driver: Driver,
+    work: Path,
+    patience: float = EXIT_PATIENCE,
+) -> Iterator[Child]:
+    """Run a candidate in its surroundings until it answers, and end all of them; it must end within `patience` [s].
 
     Raises:
         UsageError: it failed, or the system forbids real-time scheduling.
     """
     work.mkdir()
     with ExitStack() as stack:
+        for number in range(1, place.nodes):
+            stack.enter_context(started(place, candidate, work / str(number), f"/extra_{number}"))
+        driver.feed = Feed(peers=(place.nodes, place.nodes, 1))
+        one = stack.enter_context(started(place, candidate, work / "0", patience=patience))
+        driver.wait_for_node(one.check)
+        # They end before the node does, which would not complete the file of its viewer beside them.
         for number, program in enumerate(place.beside):
             command = [sys.executable, "-c", program, str(work / f"filled_{number}")]
             process = stack.enter_context(subprocess.Popen(command))
             stack.callback(process.kill)
-        for number in range(1, place.nodes):
-            stack.enter_context(started(place, candidate, work / str(number), f"/extra_{number}"))
-        driver.feed = Feed(peers=(place.nodes, place.nodes, 1))
-        one = stack.enter_context(started(place, candidate, work / "0"))
-        driver.wait_for_node(one.check)
         if place.listens_first:
             stack.callback(end_realtime)
             if forbidden := begin_realtime():
@@ -93,7 +100,11 @@ def node_in(place: Surroundings, candidate: str, driver: Driver, work: Path) -> 
 
 
 def started(
-    place: Surroundings, candidate: str, work: Path, namespace: str = ""
+    place: Surroundings,
+    candidate: str,
+    work: Path,
+    namespace: str = "",
+    patience: float = EXIT_PATIENCE,
 ) -> AbstractContextManager[Child]:
     """Start a candidate, in a namespace of its own if it is not the one that is measured."""
     work.mkdir()
@@ -102,8 +113,8 @@ def started(
     more = ["--ros-args", *(word for each in remaps for word in ("-r", each))] if namespace else []
     if candidate in (BARE, BARE_REALTIME):
         kind = bare.EVENTS if candidate == BARE else bare.REALTIME
-        return start_bare(kind, work, EXIT_PATIENCE, more)
+        return start_bare(kind, work, patience, more)
     command = [sys.executable, "-m", "knee_contact_ros.commands.main", "node"]
     command += ["--realtime"] if candidate == REALTIME else []
     files = [] if namespace else [PARAMETERS]
-    return start_node([*command, *more], files, dict(place.values), work, EXIT_PATIENCE)
+    return start_node([*command, *more], files, dict(place.values), work, patience)
