@@ -17,6 +17,7 @@ import random
 import select
 import tempfile
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -63,8 +64,11 @@ from knee_contact_ros.streams.messages import (
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.streams.topics import KNEE_CONTACT, TickOutput
 from knee_contact_ros.system import output_files
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros import private_graph
 
+TELL_PERIOD = 20.0
+"""Time [s] between two lines about the progress"""
 LONGEST = 1.5
 """Time [s] for which samples come"""
 ROOM = 8
@@ -537,7 +541,11 @@ class Schedule:
         recording = read_provenance(bag)
         assert recording  # noqa: S101  (by the recorder)
         blocks: list[Any] = []
-        solve(bag, recording, None, keep=lambda block: blocks.append(block.rows[0].copy()))
+        try:
+            solve(bag, recording, None, keep=lambda block: blocks.append(block.rows[0].copy()))
+        except UsageError as error:
+            self.wrong.append(str(error))
+            return
         live = np.frombuffer(b"".join([item.row for item in items]), ROW).copy().view(FLAT)
         again = np.concatenate(blocks).view(FLAT)
         held = np.flatnonzero(live["status"] & Status.INPUT_HELD)
@@ -590,7 +598,8 @@ def found_in(seed: int, number: int) -> list[str]:
 @click.option("--jobs", default=os.cpu_count(), show_default=True, help="Number of processes.")
 def main(count: int, seed: int, first: int, jobs: int) -> None:
     """Run schedules; exit code 1 if anything is wrong."""
-    wrong = 0
+    wrong, begin = 0, time.monotonic()
+    tell_at = begin + TELL_PERIOD
     # Forked, the processes have what a test has put in place of parts of the package.
     with ProcessPoolExecutor(jobs, get_context("fork")) as pool:
         numbers = range(first, first + count)
@@ -598,6 +607,10 @@ def main(count: int, seed: int, first: int, jobs: int) -> None:
             if found:
                 wrong += 1
                 click.echo(f"{number}: {'; '.join(found)}")
+            if (now := time.monotonic()) >= tell_at:
+                tell_at = now + TELL_PERIOD
+                done = number - first + 1
+                click.echo(f"{done} of {count} done, {wrong} wrong, {now - begin:.0f} s", err=True)
     click.echo(f"seed {seed}: {wrong} of {count} wrong")
     raise SystemExit(wrong > 0)
 

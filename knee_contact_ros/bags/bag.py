@@ -252,20 +252,26 @@ class Bag:
         return bag_digest(self.path, self.paths)
 
     def select(
-        self, types: Mapping[str, str] = INPUT_TYPES, names: Names = OWN_NAMES
+        self,
+        types: Mapping[str, str] = INPUT_TYPES,
+        names: Names = OWN_NAMES,
+        may_be_empty: str = "",
     ) -> TopicReader:
         """Find requested topics.
 
         Args:
             types: Type of each requested topic, by the absolute name in the node.
             names: Absolute names in the bag of topics that have another one there.
+            may_be_empty: Topic that needs no messages.
 
         Raises:
             UsageError: A topic is missing, empty or of another type.
         """
         try:
             requested = {
-                topic: self._channels_of(topic, type_name, names.get(topic, topic))
+                topic: self._channels_of(
+                    topic, type_name, names.get(topic, topic), topic == may_be_empty
+                )
                 for topic, type_name in types.items()
             }
         except UsageError as error:
@@ -281,7 +287,9 @@ class Bag:
             )
         return reader
 
-    def _channels_of(self, topic: str, type_name: str, name: str) -> list[Channel]:
+    def _channels_of(
+        self, topic: str, type_name: str, name: str, may_be_empty: bool
+    ) -> list[Channel]:
         """Return the channels of a topic, whose absolute names are `topic` in the node and `name` in the bag.
 
         Raises:
@@ -302,7 +310,7 @@ class Bag:
             )
         if types != [type_name]:
             raise UsageError(f"{where} is a {types[0]}; it must be a {type_name}")
-        if not filled:
+        if not filled and not may_be_empty:
             self.check_content()
             raise UsageError(f"{where} has no messages")
         for channel in filled:

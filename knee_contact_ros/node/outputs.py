@@ -474,7 +474,9 @@ class Outputs:
         self._ending += [before] if before else []
         return Path(recording.name)
 
-    def save_snapshot(self, items: Sequence[TickOutput | Note], knee: RecordedKnee) -> None:
+    def save_snapshot(
+        self, items: Sequence[TickOutput | Note], ending: Ending, knee: RecordedKnee
+    ) -> None:
         """Write the kept answers and notes to a separate recording.
 
         Raises:
@@ -485,7 +487,7 @@ class Outputs:
         )
         for item in items:
             recording.put_item(item)
-        recording.request_end(Ending((), {}))
+        recording.request_end(ending)
         self._ending.append(recording)
 
     def _recording(self, knee: RecordedKnee, size: int = 0) -> SinkProcess:

@@ -29,7 +29,7 @@ from ..streams.conversion import converters
 from ..streams.frames import FORCE_TURNED
 from ..streams.output import Note, RecordedKnee
 from ..streams.pipeline import OF_OTHERS, Pipeline
-from ..streams.topics import JOINT_STATES, Ending, TickOutput
+from ..streams.topics import JOINT_STATES, TickOutput
 from ..system.errors import UsageError
 from ..system.output_files import check_writable, expand_stamp, free_names
 from ..system.realtime import begin_realtime, end_realtime
@@ -356,7 +356,7 @@ class Session(ABC):
         return f"recording to {path}"
 
     def _stop_recording(self) -> str:
-        path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
+        path = self.outputs.stop_recording(self.pipeline.ending())
         return f"{path} will be complete in a moment"
 
     def _save_snapshot(self) -> str:
@@ -374,7 +374,8 @@ class Session(ABC):
         provenance = dict(knee.provenance)
         provenance.pop(STATE, None)  # that after the last answer
         provenance |= beginning(self.pipeline.ticks - answers, state)
-        self.outputs.save_snapshot(items, knee._replace(provenance=provenance))
+        ending = self.pipeline.ending()._replace(refused={})  # some are of earlier answers
+        self.outputs.save_snapshot(items, ending, knee._replace(provenance=provenance))
         return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
 
     def _knee(self) -> RecordedKnee:

@@ -50,9 +50,16 @@ def as_recorded(parameters: Any) -> Any:
 class BagInputs:
     """Angles and forces in an open bag that a node's parameters name."""
 
-    def __init__(self, bag: Bag, parameters: Parameters | LoadParameters, names: Names) -> None:
+    def __init__(
+        self,
+        bag: Bag,
+        parameters: Parameters | LoadParameters,
+        names: Names,
+        has_state: bool = False,
+    ) -> None:
         """Find the inputs in a bag; `names` are their names in it.
 
+        With a state of the run before (`has_state`), all of its forces may be answered by the angle in that state.
         A recording of a node has the usual inputs, whatever the node's sources were; then the usual ones are read.
 
         Raises:
@@ -74,7 +81,7 @@ class BagInputs:
             for topic, one in zip(self._topics, sources, strict=True)
         }
         types = {topic: one.type for topic, one in zip(self._topics, sources, strict=True)}
-        self._reader = bag.select(types, {**places, **names})
+        self._reader = bag.select(types, {**places, **names}, self._topics[0] if has_state else "")
         converters(parameters, self._types)
 
     def batches_of(self, size: int, only: int | None = None) -> Iterator[Batch]:

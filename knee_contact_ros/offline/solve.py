@@ -75,7 +75,7 @@ def solve(
     parameters = resolved_parameters(basis)
     if curves is None:
         curves = file_contents(basis)
-    inputs = BagInputs(bag, parameters, names)
+    inputs = BagInputs(bag, parameters, names, bool(recording and recording.state))
     inputs.check_joints(parameters.joints())
     pipeline = ContactPipeline(parameters, compiled=False, curves=curves)
     if not recording and parameters.frame.tibia:

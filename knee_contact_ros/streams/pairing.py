@@ -111,6 +111,11 @@ class Synchroniser:
         return len(self._earlier_angles) + len(self.unpaired_angles)
 
     @property
+    def all_unpaired(self) -> list[AngleSample]:
+        """Angles that belong to no pair yet, also those from before a jump."""
+        return [*self._earlier_angles, *self.unpaired_angles]
+
+    @property
     def fill(self) -> float:
         """Fill of the fuller one of the queues, from 0 to 1 at `pairing.queue`."""
         return max(len(self.waiting_loads), self.unpaired) / self._queue
@@ -237,13 +242,6 @@ class Synchroniser:
         yield from self._pairs_with_angles(self.angle_time.accept_held_back())
         yield from self._pairs_with_loads(self.load_time.accept_held_back())
         yield from self.flush_expired()
-
-    def take_unpaired_angles(self) -> list[AngleSample]:
-        """Remove and return the angle samples that belong to no pair, at the end of a stream."""
-        unpaired = [*self._earlier_angles, *self.unpaired_angles]
-        self.unpaired_angles.clear()
-        self._earlier_angles = []
-        return unpaired
 
     def _compare_clocks(self, stamp: int, of_load: bool) -> None:
         """Compare a stamp [ns], as it came, with the other stream's last one, if that came before it.

@@ -210,8 +210,8 @@ class Pipeline(ABC, Generic[AnswerT]):
         self.notes.append(self.flags_note)
 
     def ending(self) -> Ending:
-        """End of a recording: the angles that belong to no answer, and the counts of refused samples."""
-        unpaired = self.synchroniser.take_unpaired_angles()
+        """End of a recording now: the angles that belong to no answer yet, and the counts of refused samples."""
+        unpaired = self.synchroniser.all_unpaired
         inputs = tuple((JOINT_STATES, angle.message_stamp, angle.data) for angle in unpaired)
         return Ending(inputs, dict(self.synchroniser.refused))
 

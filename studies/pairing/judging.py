@@ -95,7 +95,7 @@ def run(world: World) -> tuple[dict[int, list[Answer]], Counter[int], int]:
             most, len(synchroniser.angle_time.held_back), len(synchroniser.load_time.held_back)
         )
     keep(synchroniser.finish_streams(), world.now)
-    handed.update(angle.data for angle in synchroniser.take_unpaired_angles())  # type: ignore[misc]
+    handed.update(angle.data for angle in synchroniser.all_unpaired)  # type: ignore[misc]
     return answers, handed, most
 
 

@@ -12,7 +12,7 @@ from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.output import OPEN, STARTING, RecordedKnee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.sinks import MayWait, answer, close, recorded_ticks
+from tests.helpers.sinks import NOTHING_LEFT, MayWait, answer, close, recorded_ticks
 
 
 def described(**parameters):
@@ -93,4 +93,4 @@ def test_a_recording_that_is_not_open_yet_is_named():
         SimpleNamespace(name=each, state=states[each], failure="") for each in states
     ]  # type: ignore[misc]
     with pytest.raises(UsageError, match=r"^a is not open yet; try again"):
-        outputs.save_snapshot([], knee)
+        outputs.save_snapshot([], NOTHING_LEFT, knee)

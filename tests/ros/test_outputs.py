@@ -14,14 +14,15 @@ import pytest
 
 from knee_contact_ros.bags.answers import read_answers
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS
+from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status
 from knee_contact_ros.node.outputs import MAX_ENDING
-from knee_contact_ros.streams.topics import KNEE_CONTACT
+from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT
+from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 from tests.helpers.offline import solve
 from tests.helpers.patience import wait_until
 from tests.helpers.processes import has_ended
-from tests.ros.conftest import raw, set_parameters, trigger
+from tests.ros.conftest import answers_in, raw, set_parameters, trigger
 
 STEP = 5_000_000
 
@@ -224,6 +225,42 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer, start_node
     )
     fields = list(MESSAGE_FIELDS)
     assert np.array_equal(live.view(FLAT)[fields], again.view(FLAT)[fields])
+
+
+def test_recordings_end_and_begin_between_two_angles(peer, start_node, tmp_path):
+    """They hold the later one, to which their last answers are interpolated; one has held answers, and no angle."""
+    node = start_node(f"record.path:={tmp_path / 'r.mcap'}", "pairing.wait:=0.2")
+    peer.wait_for_node()
+    answered = 0
+
+    def force(*numbers):
+        nonlocal answered
+        for number in numbers:
+            peer.send_force(number * STEP, 900.0 + number)
+        answered += len(numbers)
+        peer.wait_until(lambda: len(peer.contacts) == answered)
+
+    peer.send_angle(0, 0.2)
+    peer.send_angle(10 * STEP, 0.7)
+    force(*range(4))
+    assert trigger(peer, "save_snapshot")[0]
+    assert trigger(peer, "stop_recording")[0]
+    peer.wait_until(lambda: trigger(peer, "start_recording")[0])
+    force(*range(4, 8))
+    assert trigger(peer, "stop_recording")[0]
+    force(8, 11)
+    peer.wait_until(lambda: trigger(peer, "start_recording")[0])
+    force(12, 13)
+    assert trigger(peer, "stop_recording")[0]
+    node.stop()
+    parts = {"r": slice(4), "r_snapshot": slice(4), "r_1": slice(4, 8), "r_2": slice(10, 12)}
+    for name, part in parts.items():
+        path = tmp_path / f"{name}.mcap"
+        solve(path, read_provenance(path), tmp_path / "again.mcap", overwrite=True)
+        assert answers_in(tmp_path / "again.mcap") == answers_in(path) == peer.contacts[part]
+    with pytest.raises(UsageError, match="joint_states has no messages"):
+        raw(tmp_path / "r_2.mcap", [JOINT_STATES])
+    assert [each.status for each in peer.contacts] == [0] * 9 + [int(Status.INPUT_HELD)] * 3
 
 
 def test_a_recording_whose_folder_is_removed_ends_and_not_the_node(peer, start_node, tmp_path):

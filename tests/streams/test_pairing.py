@@ -299,9 +299,7 @@ def test_clearing_drops_old_samples_and_loses_no_force():
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a9000 l9000 a9010 l9005")
     synchroniser.clear_streams()
-    assert [a.stamp // MS for a in synchroniser.take_unpaired_angles()] == [
-        9010
-    ]  # is still to be recorded
+    assert [a.stamp // MS for a in synchroniser.all_unpaired] == [9010]  # is still to be recorded
     assert told(feed(synchroniser, "a0 l0 a10 l10")) == "0R 10"  # behind the last pair
     synchroniser = Synchroniser(PairingSection())
     feed(synchroniser, "a0=0 l0 a10=1 l9 .")
