@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import lru_cache, partial
-from itertools import cycle
+from itertools import chain, cycle
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -250,7 +250,7 @@ class Driver:
         coming = self.feed.samples(rate, self._stamp)
         self._waiting = {}
         self._latencies = []
-        next(coming)  # so that what is prepared once is
+        coming = chain([next(coming)], coming)  # so that what is prepared once is
         gc.collect()
         gc.disable()
         try:
