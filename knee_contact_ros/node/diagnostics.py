@@ -276,8 +276,8 @@ class Health:
         )
         values = {f"jumps of {topic}": str(time.jumps) for topic, (time, _) in times.items()}
         for topic, (timeline, _) in times.items():
-            values[f"missing in pauses and jumps of {topic}"] = str(timeline.skipped)
-        missing = {topic: time.missing for topic, (time, _) in times.items()}
+            values[f"missing in pauses and jumps of {topic}"] = str(timeline.holes.skipped)
+        missing = {topic: time.holes.missing for topic, (time, _) in times.items()}
         values |= {f"missing of {topic}": str(number) for topic, number in missing.items()}
         values["queue [%]"] = f"{full:.0f}"
         values["angles not recorded"] = str(paired.unrecorded_angles)

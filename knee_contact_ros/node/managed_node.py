@@ -214,8 +214,8 @@ class ManagedNode(LifecycleNode):
             session.destroy_endpoints()
             paired = session.pipeline.synchroniser
             streams = paired.angle_time, paired.load_time
-            missing = sum(each.missing for each in streams)
-            skipped = sum(each.skipped for each in streams)
+            missing = sum(each.holes.missing for each in streams)
+            skipped = sum(each.holes.skipped for each in streams)
             refused = session.pipeline.refused
             self.get_logger().info(
                 f"{session.pipeline.ticks} ticks, {refused} sample{'s' * (refused != 1)} refused"

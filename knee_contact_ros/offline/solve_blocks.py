@@ -31,9 +31,10 @@ from ..streams.contact_pipeline import (
     ContactAnswer,
     ContactPipeline,
 )
+from ..streams.holes import STEPS
 from ..streams.messages import JOINT_STATE, LAST_STAMP, WRENCH
 from ..streams.pairing import STALE_INPUT, Synchroniser
-from ..streams.timeline import LONG_STEP, STEPS, AngleSample, LoadSample, Timeline
+from ..streams.timeline import LONG_STEP, AngleSample, LoadSample, Timeline
 from ..streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,

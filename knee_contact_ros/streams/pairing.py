@@ -285,7 +285,7 @@ class Synchroniser:
     def _flag_apart(self) -> None:
         """Flag all answers while the clock of one stream is set beside the other; its step is no hole."""
         for time in (self.angle_time, self.load_time):
-            time.forget_hole()
+            time.holes.forget()
         self.flag_from_now("clock set", STALE_INPUT if self.clock_sets.apart else STATUS_OK)
 
     def _set_clocks_differ(self, differ: bool) -> None:

@@ -16,10 +16,9 @@ from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
+from .holes import STEPS, Holes
 from .messages import WrenchStamped
 
-STEPS = 8
-"""Number of past steps that bound the next one. Tuned; `studies.pairing` would notice."""
 LONG_STEP = 3
 """Multiple of the usual step beyond which a step is long. Tuned; `studies.pairing` would notice."""
 SILENT_STEPS = 4
@@ -111,12 +110,8 @@ class Timeline(Generic[S]):
         """Step [ns] of the last jump"""
         self.steps: deque[int] = deque(maxlen=STEPS)
         """Last steps forward [ns]"""
-        self.skipped = 0
-        """Number of samples that would fill the pauses and jumps of the stamps, of more than `max_gap`"""
-        self._missing = 0
-        self._hole = 0, 0  # the last step that was too long, and the usual one before it [ns]
-        self._usual_steps: deque[int] = deque(maxlen=STEPS)  # [ns] before the last holes
-        self._clock_is_set = False  # where the stream goes on
+        self.holes = Holes(max_gap)
+        """Counts samples that are missing"""
         self.is_recorded = False
         """Whether all samples are those that a node has accepted, in its recording"""
         self.is_doubtful = False
@@ -131,16 +126,6 @@ class Timeline(Generic[S]):
         self._max_held_back = max_held_back
         self._refused = refused
         self._name = name
-
-    @property
-    def missing(self) -> int:
-        """Number of samples that holes in even stamps, up to `max_gap`, show to be missing; a longer one is flagged."""
-        self._settle_hole(STEPS // 2)
-        return self._missing
-
-    def forget_hole(self) -> None:
-        """Count no missing samples for the last hole, or for that of the next accepted sample: the clock was set."""
-        self._hole, self._clock_is_set = (0, 0), True
 
     def push_sample(self, sample: S, other: Timeline[Any]) -> list[S]:
         """Take a sample; return the samples that are accepted now, oldest first. `other` is the paired stream.
@@ -209,6 +194,7 @@ class Timeline(Generic[S]):
         """Continue after samples up to a stamp [ns] with these last steps [ns], with none held back."""
         self.last = last
         self.steps = deque(steps, maxlen=STEPS)
+        self.holes.is_open = False
         self.step_limit = LONG_STEP * _usual_step(self.steps) if self.steps else self._max_gap
 
     def clear_stream(self) -> None:
@@ -241,7 +227,8 @@ class Timeline(Generic[S]):
         return between
 
     def _doubt(self) -> None:
-        self.is_doubtful, self._clock_is_set = True, False
+        self.is_doubtful = True
+        self.holes.clock_is_set = False
         self.on_doubt()
 
     def _settle(self, step: int) -> None:
@@ -318,55 +305,16 @@ class Timeline(Generic[S]):
             step = stamp - self.last
             steps = self.steps
             usual = self.step_limit // LONG_STEP
-            if len(steps) == STEPS and 3 * usual < 2 * step:
-                self._note_hole(step)
+            if self.holes.is_open or (5 * usual < 4 * step and len(steps) == STEPS):
+                self.holes.add_step(step, steps, self.last)
             dropped = steps[0] if len(steps) == STEPS else 0
             steps.append(step)
             # Sorting is left out where the second longest step stays: a new one of its length changes nothing.
             if len(steps) <= 2 or step > usual or step < usual <= dropped:
                 self.step_limit = LONG_STEP * _usual_step(steps)
-                if dropped and dropped == self._hole[0]:
-                    self._settle_hole(STEPS)
         self.last = stamp
-
-    def _settle_hole(self, least: int) -> None:
-        """Count the samples that are missing in the last hole, if at least so many steps after it are known."""
-        step, usual = self._hole
-        after = [*self.steps]
-        after = after[after.index(step) + 1 :] if step in after else after
-        if step and len(after) >= least:
-            self._hole = 0, 0
-            if _are_even(after, usual):  # else a sample came late, and a burst made up for it
-                number = round((step + sum(after)) / usual) - len(after) - 1
-                self._missing += max(number, 0)
-
-    def _note_hole(self, step: int) -> None:
-        """Remember a step [ns] that is too long, until it is known whether the steps go on as those before it."""
-        self._settle_hole(1)
-        self._hole, ordered = (0, 0), sorted(self.steps)
-        usual = sum(ordered[STEPS // 2 - 1 : STEPS // 2 + 1]) // 2
-        if _are_even(self.steps, usual):
-            self._usual_steps.append(usual)
-            is_burst = 2 * usual < max(self._usual_steps)
-            if step > self._max_gap:
-                self.skipped += round(step / usual) - 1
-            elif not (self._clock_is_set or is_burst):
-                self._hole = step, usual
-        self._clock_is_set = False
 
 
 def _usual_step(steps: deque[int]) -> int:
     """Second longest step [ns], as the longest may be a pause; the only one if there is one."""
     return sorted(steps)[-2] if len(steps) > 1 else steps[0]
-
-
-def _are_even(steps: Iterable[int], usual: int) -> bool:
-    """Whether steps [ns], except the extreme ones, are a usual one [ns], by a factor of 1.5 up and 2 down.
-
-    Or most of them are by a tenth: where much is lost, the others are holes.
-    """
-    ordered = sorted(steps)
-    spare = int(len(ordered) > 2)
-    if 2 * ordered[spare] > usual and 2 * ordered[-1 - spare] < 3 * usual:
-        return True
-    return 10 * ordered[0] > 9 * usual and 10 * ordered[len(ordered) // 2] < 11 * usual
