@@ -138,22 +138,12 @@ class DrawnRun:
 
 
 def flags_differ(live: Any, again: Any) -> bool:
-    """Whether flags of stamps, clocks and publishers differ, also after a held angle, or an answer is missing.
-
-    Offline a force before all angles has none, where the node held one; gap and reset before the next are then others.
-    """
-    number, is_first = 0, False
-    for row in live[:-1]:
-        is_held = bool(row["status"] & Status.INPUT_HELD)
-        if number < len(again) and again["stamp"][number] == row["stamp"]:
-            if not (is_held or is_first) and (row["status"] ^ again["status"][number]) & FLAGS:
-                return True
-            number, is_first = number + 1, False
-        elif is_held:
-            is_first = True
-        else:
-            return True
-    return False
+    """Whether flags of stamps, clocks and publishers differ, also after a held angle, or an answer is missing."""
+    most = len(live) - 1
+    is_held = live["status"][:most] & Status.INPUT_HELD != 0
+    if not np.array_equal(live["stamp"][:most], again["stamp"][:most]):
+        return True
+    return bool(((live["status"][:most] ^ again["status"][:most])[~is_held] & FLAGS).any())
 
 
 def differences(dice: random.Random, folder: Path) -> str:

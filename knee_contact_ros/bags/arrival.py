@@ -2,7 +2,8 @@
 
 That is by log time, but not across a clock that was set back. Clocks can be set back, and our own recordings have
 stamps as log times, which go back when those of an input do. So a bag is cut where a clock was set back, and messages
-are sorted only between two cuts: the pipeline gets them in the order in which the node got them.
+are sorted only between two cuts: the pipeline gets them in the order in which the node got them. Our own recordings
+have before each answer the samples that it is computed from, and are computed again in that order.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..system.errors import UsageError
 from .bag_file import BagFile, Batch
+from .mcap_writer import LIBRARY
 
 MAX_BYTES_IN_MEMORY = 2**28
 """Largest size [B] of the chunks in memory at one time"""
@@ -48,12 +50,15 @@ class ChunkSlice(NamedTuple):
     """Which of the messages on the topics that are read"""
 
 
-def by_arrival(files: Sequence[BagFile], numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
+def by_arrival(
+    files: Sequence[BagFile], numbers: Sequence[Mapping[int, int]], of_ticks: bool = False
+) -> Iterator[Batch]:
     """Yield the messages of files in the order of arrival.
 
     Args:
         files: Files in the order of recording.
         numbers: For each file the number of each topic that is read, by the id of its channel.
+        of_ticks: Whether our own recordings are read in their order: before each answer what it is computed from.
 
     Raises:
         UsageError: Too much would be in memory at a time.
@@ -69,6 +74,9 @@ def by_arrival(files: Sequence[BagFile], numbers: Sequence[Mapping[int, int]]) -
         for number, chunk in enumerate(file.chunks)
         if not numbers[index].keys().isdisjoint(chunk.counts)
     ]
+    if of_ticks and all(file.is_recording and file.library == LIBRARY for file in files):
+        yield from map(read, parts)
+        return
     if _is_in_order(files):
         yield from _by_time(parts, read)
         return

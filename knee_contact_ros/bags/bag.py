@@ -396,7 +396,7 @@ class TopicReader:
                     yield RawMessage(names[number], log_time, data)
 
     def batches_of(self, size: int, topics: Collection[str] = ()) -> Iterator[Batch]:
-        """Yield messages in the order of arrival, in batches of at most `size` messages.
+        """Yield messages in the order of arrival, in batches of at most `size`; of our own recordings, in their order.
 
         The number of a message in a batch is the index of its topic among all requested ones.
 
@@ -407,9 +407,9 @@ class TopicReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        return in_batches_of(size, self._batches(topics))
+        return in_batches_of(size, self._batches(topics, of_ticks=True))
 
-    def _batches(self, topics: Collection[str] = ()) -> Iterator[Batch]:
+    def _batches(self, topics: Collection[str] = (), of_ticks: bool = False) -> Iterator[Batch]:
         wanted = {
             channel: index
             for index, (topic, channels) in enumerate(self.requested.items())
@@ -421,7 +421,7 @@ class TopicReader:
             for file in self.bag.files
         ]
         try:
-            for batch in by_arrival(self.bag.files, numbers):
+            for batch in by_arrival(self.bag.files, numbers, of_ticks):
                 if self.bag.is_compressed_by_message:
                     messages = [_decompressed_message(data) for data in batch.messages]
                     yield replace(batch, messages=Column.of(messages))

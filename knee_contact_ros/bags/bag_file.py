@@ -132,6 +132,8 @@ class BagFile(ABC):
         """Chunks with messages, in the order of the file"""
         self.metadata: list[Metadata] = []
         """Metadata records, in the order of the file"""
+        self.library = ""
+        """Name of the library that has written the file; empty if it is not known"""
         self.goes_back = False
         """Whether the log times of a channel go back in the order of the file"""
         self.close: Callable[[], None]

@@ -259,6 +259,7 @@ class McapFile(BagFile):
             case mcap.Header():
                 self.profile = content.profile
                 self._has_header = True
+                self.library = content.library
             case mcap.DataEnd() | mcap.Footer():
                 self._check_section(record)
             case None if record.opcode == HOLE:

@@ -162,7 +162,7 @@ def _write(partial: Path, file: McapFile, advance: Callable[[int], object]) -> N
         writer = Writer(
             output, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True
         )
-        writer.start(profile=file.profile, library=LIBRARY)
+        writer.start(profile=file.profile, library=file.library or LIBRARY)
         schemas = {0: 0}
         channels = {}
         for channel_id, (channel, schema) in sorted(file.declared.items()):
