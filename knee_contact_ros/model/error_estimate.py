@@ -89,7 +89,7 @@ def propagated(
     # ë + drag ė + spring e = 0, solved by the 2 x 2 exponential
     half_rate = 0.5 * drag
     discriminant = half_rate * half_rate - spring
-    square, decay = discriminant * h * h, math.exp(-half_rate * h)
+    square, decay = h * h * discriminant, math.exp(-half_rate * h)
     root = math.sqrt(abs(discriminant))
     if abs(square) <= SERIES_LIMIT:
         # Power series of cosh √x and of sinh √x / √x, in Horner's form from the innermost bracket outwards.
@@ -121,7 +121,8 @@ def beside_delay(error: Error, rate: float, acceleration: float, relaxation: flo
     A femur that is late has the errors of height and velocity that its velocity and acceleration give it, however many
     flights and landings follow. Only what lies beside them, in the energy norm, changes the energy and the next flight.
     """
-    size = math.sqrt(acceleration * acceleration + relaxation * relaxation * rate * rate)
+    swing = relaxation * rate
+    size = math.sqrt(acceleration * acceleration + swing * swing)
     if size == 0.0:
         return height_bound(error, relaxation)
     a, v = acceleration / size, rate / size
@@ -140,15 +141,15 @@ def with_step_error(
     `beside` [m] as returned by `beside_delay`.
     """
     # The method knows how large its error is, but poorly in which direction of height and velocity it lies.
-    square = relaxation * relaxation * h * h + v * v
-    spread = relaxation * beside / SPREAD_FACTOR
-    added = 2.0 * CROSS_CORRELATION * math.sqrt(square) * spread
+    swing, h_spread, v_spread = relaxation * h, deviation * h, deviation * v
+    size = math.sqrt(swing * swing + v * v)
+    added = 2.0 * CROSS_CORRELATION / SPREAD_FACTOR * size * relaxation * beside
     return Error(
         height=error.height + SAFETY_FACTOR * h,
         velocity=error.velocity + SAFETY_FACTOR * v,
-        hh=error.hh + deviation * deviation * h * h + added / (relaxation * relaxation),
-        hv=error.hv + deviation * deviation * h * v,
-        vv=error.vv + deviation * deviation * v * v + added,
+        hh=error.hh + h_spread * h_spread + added / (relaxation * relaxation),
+        hv=error.hv + h_spread * v_spread,
+        vv=error.vv + v_spread * v_spread + added,
     )
 
 

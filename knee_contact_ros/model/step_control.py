@@ -62,12 +62,12 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
     (decay, _), relaxation = eigenvalues(k, c, mass), relaxation_rate(k, c, mass)
     # All steps within the contact's memory share the tolerance. A leap happens once, so its error does not add up.
     part_of_memory = min(1.0, h * max(decay, relaxation / MAX_MEMORY_PHASE))
-    if step.leap > 0.0:
-        part_of_memory = 1.0
     # In the contact's energy norm, as height and velocity errors turn into each other.
     swing = velocity_error / relaxation
-    whole = math.sqrt(height_error * height_error + swing * swing) / part_of_memory
-    whole += h * step.leap
+    error = math.sqrt(height_error * height_error + swing * swing)
+    whole = error / part_of_memory
+    if step.leap > 0.0:
+        whole = error + h * step.leap
     left_in_layer = step.end.depth - float(knee.law[layer, BEGIN])
     ends = (
         left_in_layer < RELEASE_STEPS * (begin.stage.depth - step.end.depth)
