@@ -35,9 +35,6 @@ from .steps import (
 KINK_MARGIN = 2e-12
 """Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place. With a hundredth of
 it, evaluations on measured knees rise by a fifth (`studies.honesty measured`)."""
-BOUNDARY_TOLERANCE = 0.01
-"""Distance from a boundary at which a step ends on it, as a fraction of the rounding there. Tuned; `studies.honesty
-scenes` (seed 72, number 97) would notice: 60 depths of one scene are not covered with a fraction of 1."""
 MAX_EVENT_ITERATIONS = 60
 """Largest number of attempts to end a step on a boundary"""
 MIN_PROBES = 16.0
@@ -93,7 +90,7 @@ def end_on_boundary(
             if shrinkings_left == 0:
                 return step, 0.0, boundary, used
         else:
-            if abs(distance) <= BOUNDARY_TOLERANCE * enough:
+            if abs(distance) <= enough:
                 break
             # Where the other end of the bracket has been kept twice, its distance counts half (Illinois).
             kept_twice = distance * last > 0.0

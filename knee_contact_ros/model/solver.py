@@ -77,9 +77,6 @@ MAX_SHRINKING = 0.1
 """Smallest factor on the duration of a step that is repeated. Usual in the literature."""
 LEAST_ERROR_RATIO = 1e-4
 """Error ratio below which a step is not made longer still: a factor of 9 at most. Usual in the literature."""
-GRAZE_DOUBT = 0.03
-"""Part of the rise to the largest depth in a step by which a parabola may be wrong. Tuned; `studies.honesty long_runs`
-(number 19) would notice."""
 MISSED_SHARE = 0.3
 """Largest part of a jump of the force within a step that the weights of a method miss: Fehlberg's 0.29, two ESDIRK
 halves 0.20"""
@@ -337,11 +334,11 @@ def missed_graze(mode: Mode, begin: Stage, end: Stage, h: float) -> float:
     """Return the height [m] that a femur loses if it turns round within the next layer between the stages of a step.
 
     By a parabola through the step, the depth x beyond the layer and the time t up to there: the other dashpot takes
-    4/3 c t/m of x, at most all. A parabola may be wrong by a part of its height.
+    4/3 c t/m of x, at most all.
     """
     law, slowing = mode.knee.law, (begin.rate - end.rate) / h
     rise = 0.5 * begin.rate * begin.rate / slowing
-    beyond = begin.depth + (1.0 + GRAZE_DOUBT) * rise - float(law[mode.layer + 1, BEGIN])
+    beyond = begin.depth + rise - float(law[mode.layer + 1, BEGIN])
     if beyond <= 0.0:
         return 0.0
     change = abs(float(law[mode.layer + 1, DAMPING]) - float(law[mode.layer, DAMPING]))
