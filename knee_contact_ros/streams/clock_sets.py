@@ -123,11 +123,18 @@ class ClockSets:
                 self.agree = self._agreed and self._least <= self._max_gap
                 self._forget()
             self._set_apart(0)
-        elif self.apart or (self._is_familiar and self._jumps == int(abs(change) > self._max_gap)):
+        elif not self._is_set_right(lead) and (
+            self.apart or (self._is_familiar and self._jumps == int(abs(change) > self._max_gap))
+        ):
             self._set_apart(change)
             self.due = JUDGED
         else:
             self._forget()
+            self._set_apart(0)
+
+    def _is_set_right(self, lead: int) -> bool:
+        """Whether stamps [ns] meet that lay apart by more than a usual latency: a wrong clock was set right."""
+        return abs(lead) <= self._least and 2 * abs(self._usual) > self._max_gap
 
     def _was_there(self, lead: int) -> bool:
         """Whether a lead [ns] is none of a clock that is set now, but of one that is set right."""

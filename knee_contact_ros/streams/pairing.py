@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ..model.types import Status
 from ..parameters.sections import PairingSection
-from .clock_sets import ClockSets
+from .clock_sets import FIRST_JUDGED, ClockSets
 from .timeline import LONG_STEP, AngleSample, LoadSample, Refusals, Timeline
 from .topics import NANOSECONDS
 
@@ -247,7 +247,8 @@ class Synchroniser:
         """Compare a stamp [ns], as it came, with the other stream's last one, if that came before it.
 
         If streams come in turns for a second and differ all that time, their clocks differ or one has a latency; after
-        a jump at once. With bursts this does not happen, as their last samples are at the other stream's time.
+        a jump at once, and at the beginning after some turns. With bursts this does not happen, as their last samples
+        are at the other stream's time.
         """
         if of_load == self.load_came_last or self.load_time.is_recorded:
             return
@@ -267,6 +268,9 @@ class Synchroniser:
             self._differing_since = stamp
         elif of_load and self._differing_since is not None:
             differ = stamp - self._differing_since >= DIFFERING_TIME
+            leads = self.clock_sets.leads
+            if len(leads) == FIRST_JUDGED:  # while bursts come in turns, every other lead agrees
+                differ |= min(map(abs, leads)) > self._max_gap
             self._set_clocks_differ(differ or self.clocks_differ)
         if of_load and self.newest_angle is not None:
             self.clock_sets.add_lead(stamp, stamp - self.newest_angle)

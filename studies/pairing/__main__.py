@@ -38,8 +38,7 @@ at the time of angles whose clock is wrong by as much, or of a clock that has ju
 Clocks of both that are set back right after a pause, to just behind what was there before it, make it a shorter one.
 
 If three wrong stamps in a row have by chance the time to which the other stream's clock is set just then, both streams
-agree, and both are believed. So is a clock that is wrong by less than `max_gap` for the first 0.9 s: answers are
-flagged after it is set right. Both are counted as breaches."""
+agree, and both are believed. These are counted as breaches."""
 HEADER = (
     "disturbance",
     "times",

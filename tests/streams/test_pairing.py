@@ -348,6 +348,30 @@ def test_bursts_are_no_clock_offset():
     assert [pair.status for pair in pairs] == [0] * 600
 
 
+@pytest.mark.parametrize("ahead", [-500, -150, -120, 120, 150, 500])
+@pytest.mark.parametrize("step", [2, 5, 10])
+def test_clocks_that_are_apart_from_the_beginning_are_flagged_from_the_first_answer_on(
+    ahead, step
+):
+    pairs = list[PairedSample]()
+    synchroniser = Synchroniser(PairingSection(max_gap=0.1))
+    for time in range(1000, 4000, step):
+        pairs += synchroniser.push_angle(angle(time + ahead))
+        pairs += synchroniser.push_load(load(time))
+    assert pairs
+    assert all(pair.status & STALE for pair in pairs)
+
+
+def test_a_clock_that_was_wrong_and_is_set_right_is_no_fault():
+    """Its stamps lay apart by less than `max_gap`, so the answers before it are not flagged either."""
+    paired = Synchroniser(PairingSection(max_gap=0.1))
+    for time in range(1000, 4000, 5):
+        list(paired.push_angle(angle(time)))
+        list(paired.push_load(load(time - 95 if time < 2200 else time)))
+    assert not paired.lasting
+    assert not paired.clock_sets.apart
+
+
 BURST = 250
 """Time [ms] between two bursts"""
 
