@@ -5,7 +5,7 @@ import math
 from .closest import closest
 from .compiler import inlined
 from .contact import KneeConstants, Result
-from .error_estimate import LARGEST_ERROR, velocity_bound
+from .error_estimate import capped, velocity_bound
 from .laws import BEGIN, force_at, layer_at
 from .mechanisms import translation
 from .types import (
@@ -104,8 +104,7 @@ def write_answer(
     words[i, W_NORMAL_Y] = normal_y
     words[i, W_CARTILAGE] = depth - bone
     words[i, W_BONE] = bone
-    # Not a number is no estimate: it is published as the largest error.
-    words[i, W_ERROR] = estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
+    words[i, W_ERROR] = capped(estimate)
     force_error = force_estimate if force_estimate < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
     words[i, W_FORCE_ERROR] = force_error
     words[i, W_WRENCH] = force_x

@@ -188,11 +188,15 @@ def limited(error: Error) -> Error:
     v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
     if h <= LARGEST_ERROR and v <= LARGEST_ERROR:
         return error
-    # Comparisons with NaN are false, so that these lines turn it into the largest error. Nothing is expected of it any
-    # more: all of it is spread.
-    h = h if h < LARGEST_ERROR else LARGEST_ERROR
-    v = v if v < LARGEST_ERROR else LARGEST_ERROR
+    # Nothing is expected of it any more: all of it is spread.
+    h, v = capped(h), capped(v)
     return Error(0.0, 0.0, h * h, 0.0, v * v)
+
+
+@inlined
+def capped(error: float) -> float:
+    """Return an error, limited to `LARGEST_ERROR`; NaN, which is not below it, becomes that too."""
+    return error if error < LARGEST_ERROR else LARGEST_ERROR
 
 
 @in_kernel
@@ -221,15 +225,13 @@ def height_bound(error: Error, relaxation: float) -> float:
     swing = error.velocity / relaxation
     expected = math.sqrt(error.height * error.height + swing * swing)
     variance = max(error.hh + error.vv / (relaxation * relaxation), 0.0)
-    estimate = expected + SPREAD_FACTOR * math.sqrt(variance)
-    return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
+    return capped(expected + SPREAD_FACTOR * math.sqrt(variance))
 
 
 @in_kernel
 def velocity_bound(error: Error) -> float:
     """Return the error estimate [m/s] of the velocity."""
-    estimate = abs(error.velocity) + SPREAD_FACTOR * math.sqrt(max(error.vv, 0.0))
-    return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
+    return capped(abs(error.velocity) + SPREAD_FACTOR * math.sqrt(max(error.vv, 0.0)))
 
 
 @in_kernel

@@ -76,8 +76,12 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
     # A load that ends lets go of a dashpot whose force still grows.
     end_load = load_at(mode.tick, begin.time + h)
     unloads = end_load < RELEASE_STEPS * (load - end_load)
-    releases = unloads or force < RELEASE_STEPS * (begin_force - force)
-    if ends or releases or force > REBOUND_FORCE_RATIO * load:
+    if (
+        ends
+        or unloads
+        or force < RELEASE_STEPS * (begin_force - force)
+        or force > REBOUND_FORCE_RATIO * load
+    ):
         # The error of the velocity is carried into a flight, or into a layer that damps it less.
         flown = velocity_error / (1.0 / VELOCITY_HORIZON)
         launch = math.sqrt(height_error * height_error + flown * flown)
