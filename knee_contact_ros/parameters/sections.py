@@ -135,10 +135,15 @@ def declaration_of(section: type[BaseModel], name: str) -> Declaration:
     return Declaration(section, name, field.default, least, most, "; ".join(words))
 
 
+LONGEST_TEXT = 10_000
+"""Largest number of characters of a text; longer ones would delay the samples of a node"""
+
+
 class Section(BaseModel):
     """Group of parameters; names and types are strict, numbers finite."""
 
     model_config = ConfigDict(
+        str_max_length=LONGEST_TEXT,
         strict=True,
         extra="forbid",
         frozen=True,

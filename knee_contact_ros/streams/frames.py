@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..system.errors import MAX_NAME_LENGTH, printable
 from .messages import (
     HEADER,
+    LARGEST_MESSAGE,
     RefusedSampleError,
     WrenchStamped,
     encode_wrench_stamped,
@@ -64,8 +65,12 @@ def decode_transforms(data: bytes) -> list[Transform]:
     """Transforms in the bytes of a TFMessage.
 
     Raises:
-        ValueError: the bytes are not such a message.
+        ValueError: the bytes are not such a message, or so many that reading them would delay other messages.
     """
+    if len(data) > LARGEST_MESSAGE:
+        raise ValueError(
+            f"a message of {len(data)} bytes is not read; at most {LARGEST_MESSAGE} are"
+        )
     try:
         message: Any = typestore().deserialize_cdr(data, TF_MESSAGE)
         return [

@@ -243,6 +243,7 @@ REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
             r"gonthier, elastic_foundation; did you mean kelvin_voigt\?",
         ),
         ({"record.max_size": 0.01}, r"0\.01 .*; allowed: 0 \(off\) or a number >= 0\.1"),
+        ({"record.path": 10_001 * "x"}, r"'x{79}\.\.\. is not .* at most 10000 characters"),
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
         ({"contact.dampin": 1.0}, r"unknown .* contact\.dampin; did you mean contact\.damping\?"),

@@ -16,6 +16,8 @@ from knee_contact_ros.streams.frames import (
     ForceFrame,
     StaticTransforms,
     Transform,
+    decode_transforms,
+    encode_transform,
     isb_transform,
     turned_wrench,
 )
@@ -172,6 +174,12 @@ def test_an_invalid_transform_is_ignored(transform):
     with pytest.raises(ValueError, match="transform"):
         tree.add_transform(transform)
     assert tree.between("b", "a") == pytest.approx(np.eye(4))
+
+
+def test_a_huge_message_of_transforms_is_not_read():
+    """Reading 100 000 of them kept the forces waiting for three seconds."""
+    with pytest.raises(ValueError, match="a message of 300092 bytes is not read"):
+        decode_transforms(encode_transform(Transform("a", 300_000 * "b", NOWHERE, UPRIGHT), 0))
 
 
 def test_a_changed_transform_holds_and_is_reported_once():
