@@ -152,7 +152,7 @@ class Watcher:
         """State in the life cycle; empty: not known"""
         self.diagnostics: dict[str, dict[str, str]] = {}
         self._states: Any = None
-        self._reported = -math.inf  # monotonic time [s] of the newest diagnostics
+        self._reported = self._heard = -math.inf  # monotonic times [s] of diagnostics and state
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QOS)
 
     def look(self) -> None:
@@ -176,7 +176,7 @@ class Watcher:
 
     def _on_state(self, future: Any) -> None:
         with suppress(Exception):  # the node may be gone
-            self.state = future.result().current_state.label
+            self.state, self._heard = future.result().current_state.label, time.monotonic()
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         before = f"{self.found.name[1:]}: " if self.found else ""
@@ -196,6 +196,7 @@ class Watcher:
 
     def report(self) -> dict[str, Any]:
         """All that is known, for JSON, in SI units."""
+        self._notice_end()
         answers = {}
         for topic, each in self.answers.items():
             rate = None if math.isnan(each.rate) else round(each.rate, 1)
@@ -214,6 +215,15 @@ class Watcher:
             "answers": answers,
             "diagnostics": self.diagnostics,
         }
+
+    def _notice_end(self) -> None:
+        """Let the state be that nothing is heard of the node any more."""
+        heard = max(
+            [self._reported, self._heard, *(each.arrived for each in self.answers.values())]
+        )
+        if -math.inf < heard < time.monotonic() - MEMORY_TIME:
+            there = any(map(self._node.count_publishers, self.answers))
+            self.state = "silent: it was killed or hangs" if there else "gone"
 
     def _fault(self, numbers: dict[str, Any]) -> str:
         """Why the newest answer of a topic is not usable; empty if it is."""
@@ -246,7 +256,7 @@ def lines_of(report: dict[str, Any], missing: str) -> list[str]:
         level = "" if entry["level"] == "ok" else f"{entry['level'].upper()}: "
         lines.append(f"{name:22}{rate}{level}{entry['message']}")
     if not report["diagnostics"]:
-        lines.append("no diagnostics yet")
+        lines.append("no diagnostics")
     return [printable(line) for line in lines]
 
 

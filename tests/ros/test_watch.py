@@ -114,3 +114,20 @@ def test_a_terminal_stays_still_and_keeps_the_last_picture(peer, start_node):
         terminal.wait_for(r"\x1b\[\?1049l")
         terminal.wait_for(r"usable +NO: no answer yet")
         terminal.wait_for(r"\[ended with 0, usual\]")
+
+
+def test_a_node_that_went_is_told_and_watched_again_when_it_is_back(peer, start_node):
+    """An answer's age alone does not tell a node that is gone from sensors that are silent."""
+    node = start_node()
+    peer.wait_for_node()
+    with Terminal(*COMMAND) as terminal:
+        terminal.wait_for(r"/knee_contact  active")
+        terminal.wait_for(r"joint_reaction_force")
+        node.stop()
+        terminal.wait_for(r"/knee_contact  (gone|silent: it was killed or hangs)")
+        terminal.wait_for(r"NO: no answer[^\x1b]*: the node is gone")
+        start_node()
+        peer.wait_for_node()
+        terminal.wait_for(r"/knee_contact  active")
+        terminal.press(b"\x03")
+        terminal.wait_for(r"\[ended with 0, usual\]")
