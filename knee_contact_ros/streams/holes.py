@@ -33,6 +33,8 @@ class Holes:
         self._least = 0.0  # part of it by which a step must be longer to be a hole
         self._surplus = 0  # missing samples of the stretch, less those that made up for them
         self._came = self._number = 0  # steps before the stretch, and in it
+        self._time = 0  # their sum in it [ns]
+        self._is_made_up = False  # whether one was short
         self._since = 0  # steps since the last hole
         self._end = 0  # stamp [ns] at the end of the last stretch
 
@@ -50,7 +52,8 @@ class Holes:
             self.is_open, self._usual = True, usual
             self._least = 0.5 + (ordered[-2] - ordered[1]) / (2.0 * usual)
             self._came = self._since = round((last - self._end) / usual)
-            self._surplus = self._number = 0
+            self._surplus = self._number = self._time = 0
+            self._is_made_up = False
         missing = round(step / self._usual + 0.5 - self._least) - 1
         self._since = 0 if missing > 0 else self._since + 1
         if step > self._max_gap:
@@ -58,6 +61,8 @@ class Holes:
         else:
             self._surplus += missing
             self._number += 1
+            self._time += step
+            self._is_made_up |= 4 * step < 3 * self._usual
         if self._number > STEPS:
             self._judge(ordered, last)
 
@@ -71,10 +76,14 @@ class Holes:
         is_usual = abs(_even_step(ordered, spare=1) - usual) < usual / 6.0
         is_end = self._since > STEPS if is_usual else _even_step(ordered, spare=0) > 0.0
         are_most = 10 * ordered[0] > 9 * usual and 10 * ordered[STEPS // 2] < 11 * usual
-        is_plausible = self._surplus <= MOST_LOST * (self._came + self._number)
+        surplus = self._surplus
+        if self._is_made_up:
+            surplus = min(surplus, round(self._time / usual) - self._number)
+        is_plausible = surplus <= MOST_LOST * (self._came + self._number)
         if is_plausible and (are_most or (is_usual and is_end)):
-            self.missing += max(self._surplus, 0)
-            self._came = self._surplus = self._number = 0
+            self.missing += max(surplus, 0)
+            self._came = self._surplus = self._number = self._time = 0
+            self._is_made_up = False
         if is_end or self._number > LONGEST:
             self.is_open, self._end = False, last
 
