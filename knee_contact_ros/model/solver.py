@@ -296,11 +296,11 @@ def error_after_step(
         return with_independent_bound(flown, step.height_error, 0.0)
     mass, k, c = mode.knee.mass, step.stiffness, step.damping
     relaxation = relaxation_rate(k, c, mass)
-    begin_k, end_k = begin.stage.stiffness, step.end.stiffness
-    if mode.knee.law[mode.layer, EXPONENT] == 1.0:
-        begin_k = end_k = (
-            k  # on the edge of a linear layer the stiffness may be the 0 of the other side
-        )
+    # From the edge of a layer on, the stiffness rises as xⁿ⁻¹: at once if n is near 1. With this much on the edge
+    # instead of 0, Simpson's rule gives the mean.
+    rest = max(2.0 - float(mode.knee.law[mode.layer, EXPONENT]), 0.0)
+    least = rest * rest * k
+    begin_k, end_k = max(begin.stage.stiffness, least), max(step.end.stiffness, least)
     error = propagated(error, begin_k, k, end_k, c, mass, h)
     beside = beside_delay(error, step.end.rate, step.end.acceleration, relaxation)
     error = with_step_error(
