@@ -141,7 +141,8 @@ def recording_from_arrays(gait: Mapping[str, ArrayLike], parameters: Parameters)
         return columns.get(name, np.full(len(time), unknown))
 
     force = parameters.drive != "displacement"
-    check = InputCheck(parameters.body_weight, load_driven=force, share=1.0)
+    where = "axial_load > 0"
+    check = InputCheck(parameters.body_weight, force, share=1.0, compression=where)
     loads = column("axial_load")
     check.add_samples(stamps, columns["flexion_angle"], loads if check.load_driven else 0.0 * time)
     return Recording(

@@ -88,6 +88,9 @@ _FASTEST = 25.0
 _OTHER_AXIS_LOAD = 100.0
 """Mean force [N] along another axis than the tibia's above which there is a warning"""
 
+_TURNS = {"x": ("0 0 90", "0 0 -90"), "z": ("-90 0 0", "90 0 0")}
+"""Values of `load.rotation` that make an axis y, and y with the other sign"""
+
 
 @dataclass
 class InputCheck:
@@ -103,6 +106,8 @@ class InputCheck:
     """Beginning of the names of the parameters `sign` and `offset`"""
     unit: str = ""
     """What to write if the angles are degrees"""
+    compression: str = "force.y < 0 in joint_reaction_force"
+    """Sign of a compression, and where it is"""
     ticks: int = 0
     """Number of ticks"""
     min_load: float = math.inf
@@ -324,13 +329,13 @@ class InputCheck:
         if self.load_pulls:
             how = "throughout" if most <= 0.0 else "for the most part"
             return (
-                f"the load was negative {how} ({least:.0f} to {most:.0f} N): compression is force.y < 0 "
-                "in joint_reaction_force; does your sensor use the opposite sign?"
+                f"the load was negative {how} ({least:.0f} to {most:.0f} N): compression is {self.compression}; "
+                "does your sensor use the opposite sign?"
             )
         if self._can_be_judged and max(-least, most) < _MOVING_LOAD:
             if least != most or least:
                 return f"the load was {least:.3g} to {most:.3g} N throughout: is it in kN or body weights instead of N?"
-            return "the load was 0 throughout: does another axis of joint_reaction_force carry it, or nothing?"
+            return f"the load was 0 throughout: does another axis carry it than {self.compression}, or nothing?"
         if most > self.plausible_load:
             weights = f"{most / self.body_weight:.3g} body weights, " if self.body_weight else ""
             return (
@@ -453,8 +458,8 @@ class AxisCheck:
         if self.turned_by:
             return f"{carried}: is {name} up? Is {self.turned_by} right?"
         return (
-            f"{carried}: is {name} up? Set load.rotation (for z up as in REP 103: -90 0 0 "
-            f"deg) or frame.tibia (for that: the name of the forces' frame followed by _isb), name the axis in "
-            f"load.source (as -wrench.force.{name}), or send "
-            "force.y along the tibia, < 0 in compression"
+            f"{carried}: is {name} up? Where it is < 0 in compression, set load.rotation to {_TURNS[name][0]} deg (for "
+            "z up as in REP 103 also frame.tibia to the name of the forces' frame followed by _isb) or name it in "
+            f"load.source (wrench.force.{name}). Where it is > 0, its sign is the other one or it points down: set "
+            f"{_TURNS[name][1]} deg, or name -wrench.force.{name}"
         )

@@ -230,7 +230,7 @@ class KneeModel:
         answers = blank_answers(len(times))
         self.compute(np.column_stack([durations, angles, loads, height]), answers)
         answers["stamp"] = stamps
-        inputs = InputCheck(load_driven=not heights)
+        inputs = InputCheck(load_driven=not heights, compression="load > 0")
         if len(answers):
             inputs.add_samples(answers["stamp"], angles, loads)
         for sentence in inputs.sentences:

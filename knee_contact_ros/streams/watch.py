@@ -30,6 +30,7 @@ from ..model.types import (
 )
 from ..parameters.doubts import beyond_words, parameter_doubts, typical_share
 from ..parameters.schema import Parameters
+from .conversion import written
 from .topics import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def doubts_about(parameters: Parameters, model: KneeModel, is_lateral: bool = Fa
         not model.height_prescribed,
         1.0 - share if is_lateral else share,
         unit=unit_hint(parameters),
+        compression=compression_words(parameters),
     )
     doubts = parameter_doubts(parameters, model)
     return Doubts(
@@ -63,6 +65,16 @@ def unit_hint(parameters: Parameters) -> str:
     """Phrase that says how a source with fields takes degrees; empty if it has none."""
     source = parameters.angle_source
     return f" (write deg behind the field of {source})" if parameters.inputs()[0].fields else ""
+
+
+def compression_words(parameters: Parameters) -> str:
+    """Sign of a compression in the user's messages, and where it is."""
+    topic, fields = parameters.inputs()[1].topic, parameters.inputs()[1].fields
+    turned = turned_by(parameters)
+    if turned or not fields:
+        return f"force.y < 0 in {topic}{' after ' if turned else ''}{turned}"
+    field = fields[int(len(fields) > 2)]
+    return f"{written(field)} {'<' if field.factor > 0.0 else '>'} 0 in {topic}"
 
 
 def turned_by(parameters: Parameters) -> str:

@@ -224,9 +224,9 @@ def test_a_load_along_another_axis_is_reported():
     assert axes(right[:, [0, 2, 1]]).startswith(
         f"force.z carries {mean} N on average, and force.y "
     )
-    assert "is z up? Set load.rotation (for z up as in REP 103: -90 0 0 deg)" in axes(
-        right[:, [0, 2, 1]]
-    )
+    upright = axes(right[:, [0, 2, 1]])
+    assert "is z up? Where it is < 0 in compression, set load.rotation to -90 0 0 deg" in upright
+    assert upright.endswith("it points down: set 90 0 0 deg, or name -wrench.force.z")
     assert axes(right[:, [1, 0, 2]]).startswith(f"force.x carries {mean} N")
     assert axes(right[:, [0, 2, 1]], "frame.tibia 'tibia_isb'").endswith(
         "is z up? Is frame.tibia 'tibia_isb' right?"

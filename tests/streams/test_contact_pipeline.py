@@ -193,3 +193,26 @@ def test_a_recording_of_both_is_computed_again_from_itself(right_bag, tmp_path):
         "/robot_description": 1,
         "/tf": 98,
     }
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({}, "force.y < 0 in joint_reaction_force"),
+        ({"load.source": "/cell std_msgs/msg/Float64 data"}, "data < 0 in /cell"),
+        (
+            {"load.source": "/ft geometry_msgs/msg/WrenchStamped -wrench.force.z"},
+            "wrench.force.z > 0 in /ft",
+        ),
+        (
+            {"load.source": "/ft", "load.rotation": "90 0 0 deg"},
+            "force.y < 0 in /ft after load.rotation '90 0 0 deg'",
+        ),
+    ],
+)
+def test_a_load_that_pulls_names_the_field_of_the_user(parameters, words):
+    pipeline = ContactPipeline(load_parameters(parameters), compiled=False)
+    inputs = pipeline.doubts.inputs
+    stamps = np.arange(400) * 10_000_000
+    inputs.add_samples(stamps, np.full(400, 0.3), np.linspace(-900.0, -100.0, 400))
+    assert f"compression is {words}; does your sensor" in inputs.about_load
