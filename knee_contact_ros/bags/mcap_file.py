@@ -222,7 +222,8 @@ class McapFile(BagFile):
         parts = list[bytes]()
         left = chunk.uncompressed_size
         try:
-            while left >= 0 and (part := stream.read1(left or 1)):
+            # Without any bytes, `read1` of zstandard would never return.
+            while compressed and left >= 0 and (part := stream.read1(left or 1)):
                 parts.append(part)
                 left -= len(part)
         except DECOMPRESSION_ERRORS as error:

@@ -14,7 +14,7 @@ from ..system.errors import UsageError, join_faults
 from ..system.output_files import check_not_input, is_being_written, rename_new
 from ..system.progress import OnProgress, no_progress
 from .folder import MCAP, kind_of
-from .mcap_file import McapFile
+from .mcap_file import DamagedError, McapFile
 from .mcap_writer import CHUNK_SIZE, LIBRARY, ROSBAG2
 
 RECOVERED = "recovered"
@@ -100,6 +100,8 @@ def recover(
                 partial.replace(output)
             else:
                 rename_new(partial, output)
+        except DamagedError as fault:  # no longer what was checked
+            raise UsageError(f"{source} was changed while it was read: a chunk {fault}") from None
         except FileExistsError:
             raise UsageError(
                 f"{output} appeared in the meantime and was not changed; choose another name"

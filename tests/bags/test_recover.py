@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import closing, suppress
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from knee_contact_ros.bags.bag import Bag
-from knee_contact_ros.bags.mcap_file import McapFile
+from knee_contact_ros.bags.mcap_file import DECOMPRESSORS, McapFile
 from knee_contact_ros.bags.recover import RECOVERED, recover
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, mcap, messages
@@ -84,6 +85,34 @@ def test_a_cut_off_recording_is_whole_again(cut, tmp_path):
     assert notes[RECOVERED]["source"] == "bag.mcap.partial"
     assert notes[RECOVERED]["messages"] == str(len(found))
     assert notes[RECOVERED]["faults"] == "\n".join(recovery.faults)
+
+
+def test_a_file_that_ends_behind_the_head_of_a_chunk_is_read(tmp_path, monkeypatch):
+    """`read1` of zstandard never returns without any bytes."""
+    path, whole = tmp_path / "bag.mcap", DECOMPRESSORS["zstd"]
+    mcap(path, CompressionType.ZSTD)
+    with closing(McapFile(path)) as file:
+        *_, last = file.chunks
+    os.truncate(path, last.records_begin)
+    never = SimpleNamespace(read1=lambda _: pytest.fail("it would never return"))
+    monkeypatch.setitem(DECOMPRESSORS, "zstd", lambda data: whole(data) if data else never)
+    with closing(McapFile(path)) as file:
+        assert f"the chunk at byte {last.offset} is cut off; 0 of" in str(file.faults)
+
+
+def test_a_file_that_is_cut_off_while_it_is_read_costs_a_line(tmp_path):
+    path = tmp_path / "bag.mcap"
+    mcap(path, CompressionType.ZSTD)
+    with closing(McapFile(path)) as file:
+        *_, last = file.chunks
+
+    def advance(done, total):
+        if 2 * done > total:
+            os.truncate(path, last.records_begin)
+
+    with pytest.raises(UsageError, match="was changed while it was read: a chunk does not hold"):
+        recover(path, tmp_path / "out.mcap", advance)
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_everything_else_stays_as_it_is(tmp_path):
