@@ -10,13 +10,7 @@ from typing import NamedTuple
 from .compiler import in_kernel, inlined
 from .mechanisms import translation
 from .profiles import SHRUNK, support_at
-from .starts import (
-    COLUMN_WIDTH,
-    FIRST_ANGLE,
-    NARROW_COLUMNS,
-    WIDE_COLUMNS,
-    WIDE_FACTOR,
-)
+from .starts import COLUMN_WIDTH, FIRST_ANGLE, NARROW_COLUMNS, WIDE_COLUMNS, WIDE_FACTOR
 from .types import Floats, Integers
 
 ON_PLANE = 0

@@ -24,13 +24,7 @@ from .contact import (
 )
 from .error_estimate import TINY, Error, eigenvalues, height_bound
 from .laws import APART, BEGIN
-from .steps import (
-    MAX_GLIDE_RADIUS,
-    STEP_RESERVE,
-    Step,
-    flight_step,
-    step_by,
-)
+from .steps import MAX_GLIDE_RADIUS, STEP_RESERVE, Step, flight_step, step_by
 
 KINK_MARGIN = 2e-12
 """Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place. With a hundredth of

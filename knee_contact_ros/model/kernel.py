@@ -22,15 +22,7 @@ from typing import Any
 import numpy as np
 
 from . import ticks
-from .compiler import (
-    ENTRY,
-    FAST_ENTRY,
-    HOST_SIZES,
-    BuildError,
-    build,
-    host,
-    translate,
-)
+from .compiler import ENTRY, FAST_ENTRY, HOST_SIZES, BuildError, build, host, translate
 from .contact import KneeConstants
 from .laws import hertz
 from .mechanisms import MECHANISMS

@@ -9,14 +9,7 @@ from typing import NamedTuple
 
 from .closest import next_kink, touch
 from .compiler import in_kernel
-from .contact import (
-    FemurState,
-    Interval,
-    KneeConstants,
-    Result,
-    Stage,
-    load_at,
-)
+from .contact import FemurState, Interval, KneeConstants, Result, Stage, load_at
 from .error_estimate import (
     CURVATURE_FACTOR,
     SAFETY_FACTOR,

@@ -51,12 +51,7 @@ from .error_estimate import (
     with_independent_bound,
     with_step_error,
 )
-from .events import (
-    end_on_boundary,
-    probe_flight,
-    smooth_stretch,
-    touch_delay,
-)
+from .events import end_on_boundary, probe_flight, smooth_stretch, touch_delay
 from .laws import APART, BEGIN, DAMPING, EXPONENT, force_at, layer_at
 from .step_control import error_ratio, unresolved_motion
 from .steps import (

@@ -9,12 +9,7 @@ import sys
 
 from .compiler import in_kernel, inlined
 from .contact import Mode, Motion, load_at
-from .error_estimate import (
-    TINY,
-    VELOCITY_HORIZON,
-    eigenvalues,
-    relaxation_rate,
-)
+from .error_estimate import TINY, VELOCITY_HORIZON, eigenvalues, relaxation_rate
 from .laws import BEGIN, DAMPING
 from .steps import Step
 

@@ -9,16 +9,7 @@ from typing import NamedTuple
 
 from .closest import ON_PLANE, Surfaces
 from .compiler import in_kernel, inlined
-from .contact import (
-    NO_BOUNDARY,
-    Interval,
-    Mode,
-    Motion,
-    Stage,
-    crossed,
-    load_at,
-    stage_at,
-)
+from .contact import NO_BOUNDARY, Interval, Mode, Motion, Stage, crossed, load_at, stage_at
 from .laws import BEGIN
 from .profiles import CELL_WIDTH, has_knot
 from .tableaux import ESDIRK, FEHLBERG

@@ -7,16 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .closest import (
-    CUP_COSINE,
-    CUP_SINE,
-    IN_CUP,
-    ON_CURVE,
-    ON_PLANE,
-    Closest,
-    Surfaces,
-    closest,
-)
+from .closest import CUP_COSINE, CUP_SINE, IN_CUP, ON_CURVE, ON_PLANE, Closest, Surfaces, closest
 from .mechanisms import Mechanism
 from .profiles import NOTHING, NOWHERE, Circle, KernelTable, Profile
 from .splines import NOT_A_KNOT, Ends, pieces_through, sines

@@ -13,14 +13,7 @@ import math
 from .answers import write_answer
 from .closest import touch
 from .compiler import in_kernel, inlined
-from .contact import (
-    FORCE_ROUNDING,
-    FemurState,
-    Interval,
-    KneeConstants,
-    Result,
-    Stage,
-)
+from .contact import FORCE_ROUNDING, FemurState, Interval, KneeConstants, Result, Stage
 from .error_estimate import EXACT
 from .events import last_touch, led_contact
 from .laws import law_force
