@@ -460,6 +460,6 @@ class AxisCheck:
         return (
             f"{carried}: is {name} up? Where it is < 0 in compression, set load.rotation to {_TURNS[name][0]} deg (for "
             "z up as in REP 103 also frame.tibia to the name of the forces' frame followed by _isb) or name it in "
-            f"load.source (wrench.force.{name}). Where it is > 0, its sign is the other one or it points down: set "
-            f"{_TURNS[name][1]} deg, or name -wrench.force.{name}"
+            f"load.source (-wrench.force.{name}). Where it is > 0, its sign is the other one or it points down: set "
+            f"{_TURNS[name][1]} deg, or name wrench.force.{name}"
         )

@@ -73,8 +73,9 @@ def compression_words(parameters: Parameters) -> str:
     turned = turned_by(parameters)
     if turned or not fields:
         return f"force.y < 0 in {topic}{' after ' if turned else ''}{turned}"
-    field = fields[int(len(fields) > 2)]
-    return f"{written(field)} {'<' if field.factor > 0.0 else '>'} 0 in {topic}"
+    is_force = len(fields) > 2  # otherwise the first is the compression itself
+    field = fields[int(is_force)]
+    return f"{written(field)} {'<' if (field.factor > 0.0) == is_force else '>'} 0 in {topic}"
 
 
 def turned_by(parameters: Parameters) -> str:

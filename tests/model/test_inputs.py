@@ -226,7 +226,7 @@ def test_a_load_along_another_axis_is_reported():
     )
     upright = axes(right[:, [0, 2, 1]])
     assert "is z up? Where it is < 0 in compression, set load.rotation to -90 0 0 deg" in upright
-    assert upright.endswith("it points down: set 90 0 0 deg, or name -wrench.force.z")
+    assert upright.endswith("it points down: set 90 0 0 deg, or name wrench.force.z")
     assert axes(right[:, [1, 0, 2]]).startswith(f"force.x carries {mean} N")
     assert axes(right[:, [0, 2, 1]], "frame.tibia 'tibia_isb'").endswith(
         "is z up? Is frame.tibia 'tibia_isb' right?"

@@ -199,10 +199,10 @@ def test_a_recording_of_both_is_computed_again_from_itself(right_bag, tmp_path):
     ("parameters", "words"),
     [
         ({}, "force.y < 0 in joint_reaction_force"),
-        ({"load.source": "/cell std_msgs/msg/Float64 data"}, "data < 0 in /cell"),
+        ({"load.source": "/cell std_msgs/msg/Float64 data"}, "data > 0 in /cell"),
         (
             {"load.source": "/ft geometry_msgs/msg/WrenchStamped -wrench.force.z"},
-            "wrench.force.z > 0 in /ft",
+            "wrench.force.z < 0 in /ft",
         ),
         (
             {"load.source": "/ft", "load.rotation": "90 0 0 deg"},
