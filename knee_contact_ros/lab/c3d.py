@@ -1,8 +1,10 @@
 """C3D files of motion capture as tables: points, analog channels at the times of the points, units, and gait events."""
 
+import os
 import pickle
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -58,6 +60,7 @@ def c3d_header(path: Path) -> Header:
     return Header(
         path,
         ("time", *names, *channels),
+        entries={"nrows": str(read["stated_frames"])},
         data=np.column_stack(columns),
         units=dict(enumerate(units)),
     )
@@ -71,9 +74,9 @@ def read_c3d(path: Path, *, plates: bool = False) -> Any:
     """
     require("c3d", "ezc3d")
     try:
-        open_regular(path).close()
-        more = "plates" if plates else ""
-        read = pickle.loads(written_by(c3d_file.__name__, path, more, library="ezc3d"))  # noqa: S301  (our own)
+        with open_regular(path) as file:
+            made = os.fstat(file.fileno())
+        read = _content(path, plates, made.st_mtime_ns, made.st_size)
     except (OSError, ValueError) as error:
         said = str(error)
         if "bad_alloc" in said or "MemoryError" in said:
@@ -82,6 +85,13 @@ def read_c3d(path: Path, *, plates: bool = False) -> Any:
     if not read["data"]["points"].shape[2]:
         raise UsageError(f"{path} has no points over time")
     return read
+
+
+@lru_cache(maxsize=1)  # an import wants the mass, then the tables
+def _content(path: Path, plates: bool, *_made: int) -> Any:
+    """Return what a C3D file held when it was `made`, read in a process of its own."""
+    more = "plates" if plates else ""
+    return pickle.loads(written_by(c3d_file.__name__, path, more, library="ezc3d"))  # noqa: S301  (our own)
 
 
 def c3d_mass(path: Path) -> float | None:

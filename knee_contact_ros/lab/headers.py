@@ -78,7 +78,7 @@ class Header(NamedTuple):
     above: tuple[tuple[str, ...], ...] = ()
     """Lines right above the names with the same columns, such as names of sensors over their columns X, Y, Z"""
     entries: Mapping[str, str] | None = None
-    """Entries above `endheader` in a storage file, by names in lower case"""
+    """Entries above `endheader` in a storage file, by names in lower case; of a C3D file the number of rows"""
     decimal: str = ""
     """Decimal mark of a storage file"""
     data: Floats | None = None

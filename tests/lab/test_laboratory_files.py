@@ -1,5 +1,7 @@
 """Files as laboratories have them: what was once read wrongly without a word."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab import c3d
 from knee_contact_ros.lab.c3d import read_c3d
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import written_by
 from tests.joint_reaction.test_conventions import stance
 from tests.lab.opensim.test_command import origin
 from tests.lab.test_sensors import angles_of, content, loads_of, stamps_of
@@ -62,6 +66,41 @@ def test_a_c3d_file_that_crashes_its_reader_costs_a_line(tmp_path, monkeypatch):
     Path("walk.c3d").write_bytes(data)
     with pytest.raises(UsageError, match="ezc3d ended by signal"):
         read_c3d(Path("walk.c3d"))
+
+
+def test_a_c3d_file_may_take_no_more_memory_than_its_samples_need(tmp_path, monkeypatch):
+    """The limit is low here, so that the test need not fill a gigabyte."""
+    monkeypatch.chdir(tmp_path)
+    write_c3d(["RKneeAngles", *map(str, range(300))])
+    program = (
+        "from knee_contact_ros.lab import c3d_file\n"
+        "c3d_file.MEMORY, c3d_file.FACTOR = 2**20, 0\n"
+        "c3d_file.main('walk.c3d', 'out', '')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert "MemoryError" in done.stderr or "bad_alloc" in done.stderr
+    assert not Path("out").exists()
+
+
+def test_a_c3d_file_that_was_cut_off_is_doubted(importing):
+    write_c3d(["RKneeAngles"])
+    whole = Path("walk.c3d").read_bytes()
+    Path("walk.c3d").write_bytes(whole[: len(whole) * 3 // 4])
+    said = importing.refused(None, C3D_MAP)
+    assert "walk.c3d has 109 rows, and its header says nRows=150: is it cut off?" in said
+
+
+def test_a_c3d_file_is_read_once_for_an_import(importing, monkeypatch):
+    """For the mass, and for the tables."""
+    write_c3d(["RKneeAngles"], mass=[75.0])
+    read = []
+    monkeypatch.setattr(
+        c3d, "written_by", lambda *given, **more: read.append(given) or written_by(*given, **more)
+    )
+    importing(None, C3D_MAP)
+    assert len(read) == 1
 
 
 @pytest.mark.parametrize(("number", "first"), [(3, 100), (300, 0), (600, 0)])
