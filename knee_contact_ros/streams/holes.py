@@ -62,7 +62,7 @@ class Holes:
             self._surplus += missing
             self._number += 1
             self._time += step
-            self._is_made_up |= 4 * step < 3 * self._usual
+            self._is_made_up |= 10 * step < 9 * self._usual
         if self._number > STEPS:
             self._judge(ordered, last)
 

@@ -554,13 +554,14 @@ def test_what_is_lost_in_large_holes_is_counted_beside_the_jump():
     assert paired.angle_time.holes.missing == paired.load_time.holes.missing == 0
 
 
+@pytest.mark.parametrize(("least", "most", "late"), [(0.1, 3.0, 20.0), (3.5, 5.0, 7.5)])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_publisher_that_is_late_by_a_few_steps_has_lost_nothing(seed):
+def test_a_publisher_that_is_late_by_a_few_steps_has_lost_nothing(seed, least, most, late):
     """It makes up for a delay by steps of any length."""
     draw, now, stamps = random.Random(seed), 0.0, list[float]()
     for number in range(8000):
-        now = max(5.0 * number, now + draw.uniform(0.1, 3.0))
-        now += draw.uniform(0.0, 20.0) if draw.random() < 0.004 else 0.0
+        now = max(5.0 * number, now + draw.uniform(least, most))
+        now += draw.uniform(0.0, late) if draw.random() < 0.004 else 0.0
         stamps.append(now)
     assert missing(stamps) <= 1
 
