@@ -358,7 +358,8 @@ def with_impact_doubt(
             touch = Touch(touch.speed, max(touch.error, again), touch.latest, touch.landing_rate)
     if touch.error > 0.0:
         doubt = max(impact_doubt(mode, one, touch.error), impact_doubt(mode, stage, touch.error))
-        height, velocity = response(doubt, step.stiffness, step.damping, mode.knee.mass, h)
+        # A contact that has begun faster damps less, maybe next to nothing.
+        height, velocity = response(doubt, step.stiffness, 0.0, mode.knee.mass, h)
         error = with_independent_bound(error, height, velocity)
     return error, touch
 
