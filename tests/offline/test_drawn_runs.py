@@ -62,6 +62,6 @@ def test_forces_before_all_angles_are_answered_as_live(tmp_path):
     live, again = (read_answers(tmp_path / f"{name}.mcap") for name in ("live", "again"))
     fields = list(MESSAGE_FIELDS)
     assert np.array_equal(live.view(FLAT)[fields], again.view(FLAT)[fields])
-    held, flagged = Status.INPUT_HELD | Status.STALE_INPUT, Status.STALE_INPUT
+    held = Status.INPUT_HELD | Status.STALE_INPUT
     assert (live["status"][: AHEAD // STEP] & held == held).all()
-    assert np.count_nonzero(live["status"] & flagged) == TICKS - 101 + AHEAD // STEP
+    assert (live["status"] & Status.STALE_INPUT != 0).all()
