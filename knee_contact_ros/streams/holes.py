@@ -36,6 +36,7 @@ class Holes:
         self._time = 0  # their sum in it [ns]
         self._is_made_up = False  # whether one was short
         self._since = 0  # steps since the last hole
+        self._late = self._late_after = 0  # samples refused behind a stamp [ns]
         self._end = 0  # stamp [ns] at the end of the last stretch
 
     def add_step(self, step: int, steps: Iterable[int], last: int) -> None:
@@ -52,7 +53,8 @@ class Holes:
             self.is_open, self._usual = True, usual
             self._least = 0.5 + (ordered[-2] - ordered[1]) / (2.0 * usual)
             self._came = self._since = round((last - self._end) / usual)
-            self._surplus = self._number = self._time = 0
+            self._number = self._time = 0
+            self._surplus = -self._late if self._late_after == last else 0
             self._is_made_up = False
         missing = round(step / self._usual + 0.5 - self._least) - 1
         self._since = 0 if missing > 0 else self._since + 1
@@ -65,6 +67,14 @@ class Holes:
             self._is_made_up |= 10 * step < 9 * self._usual
         if self._number > STEPS:
             self._judge(ordered, last)
+
+    def note_late(self, last: int) -> None:
+        """Note a sample that was refused behind the last stamp [ns]: it came, and is not missing."""
+        if self.is_open:
+            self._surplus -= 1
+        else:
+            self._late = 1 + (self._late if self._late_after == last else 0)
+            self._late_after = last
 
     def forget(self) -> None:
         """Count nothing for the open stretch, or for the next hole: the clock was set."""

@@ -159,6 +159,7 @@ class Timeline(Generic[S]):
         if not self.is_doubtful:
             self._doubt()
         if is_late:
+            self.holes.note_late(last or 0)
             self._refused.count_refused(f"{self._name}_not_in_order")
             return []
         self.held_back.append(sample)

@@ -554,6 +554,18 @@ def test_what_is_lost_in_large_holes_is_counted_beside_the_jump():
     assert paired.angle_time.holes.missing == paired.load_time.holes.missing == 0
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_that_were_refused_as_late_are_not_missing(seed):
+    """Those that a network delivers in another order, and those of a clock that stood still."""
+    draw, stamps = random.Random(seed), [5.0 * number for number in range(4000)]
+    for at in range(100, 3900, 50):
+        if draw.random() < 0.5:
+            stamps[at] = stamps[at - 1]
+        else:
+            stamps[at], stamps[at + 1] = stamps[at + 1], stamps[at]
+    assert missing(stamps) == 0
+
+
 @pytest.mark.parametrize(("least", "most", "late"), [(0.1, 3.0, 20.0), (3.5, 5.0, 7.5)])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_publisher_that_is_late_by_a_few_steps_has_lost_nothing(seed, least, most, late):
