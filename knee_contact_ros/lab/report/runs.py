@@ -346,8 +346,9 @@ class _Source(NamedTuple):
         if self.stored:
             origin = f"Recorded with {self.stored.package} and the parameters stored in it."
             if self.stored.changes:
-                times = len(self.stored.changes)
-                origin += f" They changed, or the model was reset, {times} times meanwhile."
+                values = [each.values or {"a reset": ""} for each in self.stored.changes]
+                what = [" ".join(map(str, one)).strip() for each in values for one in each.items()]
+                origin += f" Meanwhile: {', '.join(dict.fromkeys(what))}."
         else:
             given = _source_names(self.options.parameters)
             origin = f"Recorded without its parameters; {given} is taken for body weight and law."

@@ -13,7 +13,13 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.answers import read_answers
-from knee_contact_ros.bags.recorder import BagWriter
+from knee_contact_ros.bags.provenance import (
+    PARAMETERS_CHANGED,
+    RESET,
+    change_record,
+    provenance_record,
+)
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.lab.report import figures
 from knee_contact_ros.lab.report.figures import OF_MEDIAL, TOTAL
 from knee_contact_ros.lab.report.gathered import (
@@ -25,8 +31,11 @@ from knee_contact_ros.lab.report.gathered import (
 )
 from knee_contact_ros.model.readouts import READOUTS_OF_LAW
 from knee_contact_ros.model.types import FLAT
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.streams.contact_pipeline import ContactPipeline
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, types_of
 from knee_contact_ros.view.picture import saved_figure
+from tests.helpers.answers import answers_to
 from tests.helpers.bags import raw_messages
 from tests.helpers.offline import solve
 from tests.lab.report.conftest import RUNS
@@ -315,6 +324,22 @@ def test_a_recording_has_its_own_parameters(recording, report):
     assert depth == pytest.approx(0.729, abs=0.0005)
     for rows in runs.values():  # healthy.yaml says 737.068 N, and a comparison is no other person
         assert numbers(rows, "load_BW") == pytest.approx(numbers(rows, "load_N") / 700.0, rel=1e-8)
+
+
+def test_changes_of_a_run_are_named(bags, tmp_path, report):
+    """A tare of the force sensor, for example."""
+    parameters, path = load_parameters([]), tmp_path / "tared.mcap"
+    pipeline = ContactPipeline(parameters, compiled=False)
+    with BagWriter(path) as bag:
+        writer = AnswerWriter(bag, provenance_record(parameters, {}))
+        for answer in answers_to(pipeline, raw_messages(bags[0])):
+            writer.write_answer(answer.records())
+            if pipeline.ticks == 100:
+                writer.write_note(PARAMETERS_CHANGED, change_record(100, {"load.offset": -40.0}))
+            if pipeline.ticks in (200, 300):
+                writer.write_note(RESET, {"tick": str(pipeline.ticks)})
+        writer.write_ending(pipeline.ending())
+    assert "Meanwhile: load.offset -40.0, a reset." in text_of(report(path))
 
 
 def test_recordings_of_others_and_of_two_knees_in_one(recording, tmp_path, report):
