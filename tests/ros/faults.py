@@ -209,8 +209,7 @@ def other_publisher(
         publisher = node.create_publisher(
             JointState, "joint_states", QoSProfile(depth=10, reliability=reliability)
         )
-        for each in (publisher, peer.angle):
-            peer.wait_until(each.get_subscription_count)
+        peer.introduce("/knee_contact")  # newer than the publisher, which the node then knows
         publisher.publish(
             encode_joint_state(Joints(stamp + ahead, "", ("knee",), (angle,), (), ()))
         )
