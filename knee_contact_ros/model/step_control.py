@@ -68,9 +68,9 @@ def error_ratio(mode: Mode, begin: Motion, step: Step, h: float) -> float:
         left_in_layer < RELEASE_STEPS * (begin.stage.depth - step.end.depth)
         and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
     )
-    # A load that ends lets go of a dashpot whose force still grows.
+    # A load that ends lets go of a dashpot whose force still grows. One that grows as fast may turn and end as soon.
     end_load = load_at(mode.tick, begin.time + h)
-    unloads = end_load < RELEASE_STEPS * (load - end_load)
+    unloads = end_load < RELEASE_STEPS * abs(load - end_load)
     if (
         ends
         or unloads
