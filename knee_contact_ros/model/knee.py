@@ -22,7 +22,7 @@ from .contact import KneeConstants
 from .inputs import MOST_PLAUSIBLE_LOAD, InputCheck
 from .kernel import Kernel
 from .laws import ContactLaw, check
-from .lost_state import LEAST_LOST_SPEED
+from .lost_state import LEAST_LOST_SPEED, throw_lost
 from .readouts import ContactPatch, Readings, load_uncertainty
 from .ringing import Ringing
 from .statics import plain_static_depth
@@ -374,21 +374,26 @@ class Stream:
         A quasi-static model is always at the static contact of its own law. Its distance from the present state is an
         error of the next answers until it has decayed.
         """
-        self.model = replace(model, compiled=self.model.compiled)
+        before, self.model = self.model, replace(model, compiled=self.model.compiled)
         state = self._state
         self._compute = self.model.kernel.bind(state, self._sample, self.answer)
         if state[run_state.AT_BEGUN] == 0.0 or self._height_prescribed:
             return
         state[run_state.AT_TRY_STEP] = math.inf
+        angle, height = float(state[run_state.AT_ANGLE]), float(state[run_state.AT_HEIGHT])
+        if state[run_state.AT_LOST_SPEED] > 0.0:
+            depth = model.closest(angle, height).depth
+            same = model.law == before.law and model.mass == before.mass
+            if not same or depth != before.closest(angle, height).depth:
+                throw_lost(state, model.law.rows, depth, model.mass, before.mass)
         if self.model.constants.level == ticks.QUASI_STATIC:
             rest = np.zeros(run_state.STATE_SIZE)
-            sample = np.array(
-                [[0.0, state[run_state.AT_ANGLE], state[run_state.AT_LOAD], math.nan]]
-            )
+            sample = np.array([[0.0, angle, state[run_state.AT_LOAD], math.nan]])
             replace(self.model, budget=MOST_BUDGET).compute(sample, blank_answers(1), rest)
-            state[run_state.AT_HEIGHT_ERROR] += (
-                rest[run_state.AT_HEIGHT] - state[run_state.AT_HEIGHT]
-            )
+            moved = rest[run_state.AT_HEIGHT] - height
+            state[run_state.AT_HEIGHT_ERROR] += moved
+            if state[run_state.AT_LOST_SPEED] > 0.0:
+                state[run_state.AT_LOST_DISTANCE] += abs(moved)
             for place in (run_state.AT_HEIGHT, run_state.AT_STIFFNESS, run_state.AT_DAMPING):
                 state[place] = rest[place]
 

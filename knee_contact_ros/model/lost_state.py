@@ -24,6 +24,7 @@ from .run_state import (
     AT_LOST_SPEED,
     AT_RELAXATION_TIMES,
     AT_STATIC_VELOCITY,
+    AT_STIFFNESS,
     AT_STRONGEST_LOAD,
 )
 from .step_control import LOCAL_ERROR_SHARE
@@ -154,3 +155,21 @@ def known_again(knee: KneeConstants, state: Floats, result: Result, landing: flo
         result.evaluations,
         True,
     )
+
+
+def throw_lost(state: Floats, law: Floats, depth: float, mass: float, mass_before: float) -> None:
+    """Count that law, mass or surfaces change while the exact solution is lost.
+
+    It lies beside the contact, at a `depth` [m] in the changed surfaces, and flies off with what a changed law stores
+    there. Nothing has been forgotten then. `state` is that of the contact before the change.
+    """
+    speed, stiffness = float(state[AT_LOST_SPEED]), float(state[AT_STIFFNESS])
+    beside = float(state[AT_LOST_DISTANCE])
+    if stiffness > 0.0:
+        beside = min(beside, speed * math.sqrt(mass_before / stiffness))
+    deepest = max(depth + beside * math.exp(-state[AT_RELAXATION_TIMES]), 0.0)
+    stored = deepest * abs(law_force(law, deepest, 0.0, 0.0)[0])
+    state[AT_LOST_SPEED] = min(math.sqrt(speed * speed + 2.0 * stored / mass), LARGEST_ERROR)
+    state[AT_LOAD_IMPULSE] = 0.0
+    state[AT_STRONGEST_LOAD] = 0.0
+    state[AT_RELAXATION_TIMES] = 0.0

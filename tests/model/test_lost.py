@@ -144,6 +144,23 @@ def test_a_knee_that_changes_live_goes_on_from_the_state_as_it_is(seed):
     )
 
 
+@needs_compiler
+@pytest.mark.parametrize(
+    ("seed", "change"),
+    [
+        (6673000052, "a law that is a thousand times stiffer, of a lost contact"),
+        (6607000197, "the same, beside a larger mass and another level"),
+        (6673000254, "a contact without a load, and a law in which its depth presses"),
+        (6673000122, "a flight whose answer jumps to the contact at rest"),
+        (6607000310, "the same"),
+    ],
+)
+def test_a_change_moves_and_throws_what_is_lost(seed, change):
+    for one in rows(seed):
+        assert one.covered == one.known, (change, one.name)
+        assert one.wrong == one.not_finite == 0
+
+
 def test_what_changes_under_a_steady_load_is_soon_ok_again():
     time = 1e-3 * np.arange(60)
     for changes in ({"stiffness": 6.3e7}, {"exponent": 1.4}, {"damping": 1e4}):
