@@ -28,8 +28,9 @@ from .run_state import (
     AT_STRONGEST_LOAD,
 )
 from .step_control import LOCAL_ERROR_SHARE
-from .types import Floats
+from .types import Fidelity, Floats
 
+QUASI_STATIC = int(Fidelity.QUASI_STATIC)
 LEAST_LOST_SPEED = 1e-9
 """Smallest bound of a speed [m/s] while the exact solution is lost; 0 means that the solution is known"""
 
@@ -56,14 +57,20 @@ def answer_while_lost(
     load = load_at(tick, h)
     least_load, largest_load = min(tick.load, load), max(abs(tick.load), abs(load))
     deepest, speed = max(stage.depth, 0.0), float(state[AT_LOST_SPEED])
-    velocity = result.femur.velocity
+    velocity, begin_velocity = result.femur.velocity, start.velocity
+    if knee.level == QUASI_STATIC:
+        # The static contact follows surface and load, whose rates jump between two ticks.
+        _, rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
+        begin_velocity = rate / cosine
+        if state[AT_STIFFNESS] > 0.0:
+            begin_velocity -= tick.load_rate / state[AT_STIFFNESS]
     if math.isnan(velocity):
         end_angle = tick.angle + tick.angle_rate * h
         _, end_rate, cosine = touch(knee.surfaces, end_angle, tick.angle_rate, result.femur.height)
         velocity = end_rate / cosine
     if speed > 0.0:
         # The speed is counted from the answer's own, which jumps between two ticks with the rate of the surface.
-        speed += abs(start.velocity - state[AT_STATIC_VELOCITY])
+        speed += abs(begin_velocity - state[AT_STATIC_VELOCITY])
     if not solved:
         if speed == 0.0:
             depth, rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
@@ -75,13 +82,14 @@ def answer_while_lost(
         # Force times depth is more than the spring has stored, for every law: its force grows with the depth.
         stored = deepest * abs(law_force(knee.law, deepest, 0.0, 0.0)[0])
         speed = math.sqrt(speed * speed + 2.0 * stored / mass)
-    velocity_change = abs(velocity - start.velocity)
+    velocity_change = abs(velocity - begin_velocity)
     # Without a dashpot in one of its layers a contact swings for ever, and nothing of the lost solution decays.
     forgets = solved and not knee.remembers_impact
     for i in range(1, len(knee.law) - 1):
         forgets = forgets and knee.law[i, DAMPING] > 0.0
     if not forgets or least_load <= 0.0 or stage.depth <= 0.0:
-        speed += largest_load * h / mass + velocity_change
+        # A load that has pressed until now has let it fall, and it may have bounced since.
+        speed = fallen_speed(state, speed, mass) + largest_load * h / mass + velocity_change
         # The femur may fly again from here on, so the count begins anew.
         state[AT_LOAD_IMPULSE] = 0.0
         state[AT_STRONGEST_LOAD] = 0.0
@@ -89,11 +97,9 @@ def answer_while_lost(
     else:
         speed += abs(load - tick.load) / math.sqrt(stage.stiffness * mass) + velocity_change
         restitution = deep_restitution(knee, stage.depth, stage.stiffness, speed)
-        state[AT_LOAD_IMPULSE] += least_load * h / mass
+        state[AT_LOAD_IMPULSE] += 0.5 * (tick.load + load) * h / mass
         state[AT_STRONGEST_LOAD] = max(state[AT_STRONGEST_LOAD], largest_load)
-        fall = 2.0 * state[AT_STRONGEST_LOAD] / mass * state[AT_LOST_DISTANCE]
-        # A femur that starts at this distance and speed lands no faster, whatever the load did in between.
-        landing = math.sqrt(speed * speed + fall)
+        landing = landing_speed(state, speed, mass)
         # Impulse of the load, over the mass [m/s], that ends all flights: a geometric series of landings
         flights = speed + landing * (1.0 + restitution) / (1.0 - restitution)
         if state[AT_LOAD_IMPULSE] > flights:
@@ -115,6 +121,22 @@ def answer_while_lost(
         result.evaluations + 2,  # of the stored energy, and of the deep contact
         False,
     )
+
+
+@in_kernel
+def landing_speed(state: Floats, speed: float, mass: float) -> float:
+    """Return the largest landing speed [m/s] of a lost femur that had a `speed` [m/s] when the load began to press.
+
+    A femur that starts at its distance and speed lands no faster, whatever the load did in between.
+    """
+    fall = 2.0 * state[AT_STRONGEST_LOAD] / mass * state[AT_LOST_DISTANCE]
+    return math.sqrt(speed * speed + fall)
+
+
+@in_kernel
+def fallen_speed(state: Floats, speed: float, mass: float) -> float:
+    """Return the largest speed [m/s] until now of a lost femur that had a `speed` [m/s] before the load pressed."""
+    return min(landing_speed(state, speed, mass), speed + float(state[AT_LOAD_IMPULSE]))
 
 
 @in_kernel
@@ -163,7 +185,8 @@ def throw_lost(state: Floats, law: Floats, depth: float, mass: float, mass_befor
     It lies beside the contact, at a `depth` [m] in the changed surfaces, and flies off with what a changed law stores
     there. Nothing has been forgotten then. `state` is that of the contact before the change.
     """
-    speed, stiffness = float(state[AT_LOST_SPEED]), float(state[AT_STIFFNESS])
+    speed = fallen_speed(state, float(state[AT_LOST_SPEED]), mass_before)
+    stiffness = float(state[AT_STIFFNESS])
     beside = float(state[AT_LOST_DISTANCE])
     if stiffness > 0.0:
         beside = min(beside, speed * math.sqrt(mass_before / stiffness))

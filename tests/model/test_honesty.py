@@ -296,6 +296,19 @@ def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(seed, le
 
 
 @pytest.mark.parametrize(
+    "seed",
+    [
+        6701000081,  # a load presses for a while: what it has let fall meanwhile bounces, and flies on without it
+        6701000202,  # the same, and the rate of the surface jumps from tick to tick
+    ],
+)
+def test_a_load_that_ends_leaves_a_lost_femur_the_speed_of_its_fall(seed):
+    found = answered(draw(seed), "quasi_static", 1e-6)
+    assert found.apart.sum() > 100
+    assert covered(found) >= 0.99
+
+
+@pytest.mark.parametrize(
     "number",
     [
         i
