@@ -257,17 +257,24 @@ def with_curvature(
     depth: float,
     stiffness: float,
     damping: float,
+    growth: float,
     mass: float,
     h: float,
 ) -> Error:
-    """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m].
+    """Return the error with the effect over `h` [s] of a contact whose slopes change with the depth [m].
 
-    `beside` [m] is as returned by `beside_delay`, as a delay stays one.
+    `beside` [m] is as returned by `beside_delay`, as a delay stays one. The damping goes with the depth to the power
+    `growth`: an error e of the depth x changes it by the part growth e/x, and the error's rate is e k/c where it
+    creeps, and e √(k/m) where it swings.
     """
     if error.height * error.height + error.hh <= LINEAR_FRACTION * LINEAR_FRACTION * depth * depth:
         return error
     wrong = height_bound(error, math.inf)
-    push = CURVATURE_FACTOR * stiffness * min(wrong, beside) * min(1.0, wrong / max(depth, TINY))
+    slope = CURVATURE_FACTOR * stiffness
+    if growth > 0.0:
+        swing = damping * math.sqrt(max(stiffness, 0.0) / mass)
+        slope = max(slope, growth * min(stiffness, swing))
+    push = slope * min(wrong, beside) * min(1.0, wrong / max(depth, TINY))
     height, velocity = response(push, stiffness, damping, mass, h)
     return with_independent_bound(error, height, velocity)
 

@@ -26,7 +26,7 @@ from .error_estimate import (
     with_bound,
     with_curvature,
 )
-from .laws import BEGIN, force_at, law_force, layer_at
+from .laws import APART, BEGIN, EXPONENT, force_at, law_force, layer_at
 from .statics import MAX_ANSWER_EVALUATIONS, static_contact
 from .steps import NEWTON_TOLERANCE_SHARE
 
@@ -134,6 +134,11 @@ def static_end(
         mean, rate = (end_rate - begin_rate) / h, rate / n_y
         early, late = (rate - begin_rate) / at - mean, (end_rate - rate) / (h - at) - mean
         uneven = mass * max(abs(early), abs(late))
+    layer = layer_at(knee.law, end_depth)
+    in_layer, exponent = 0.0, 1.0
+    if layer > APART:
+        in_layer = end_depth - float(knee.law[layer, BEGIN])
+        exponent = float(knee.law[layer, EXPONENT])
     least_load = min(tick.load, load)
     pressed = least_load > 0.0 and least_load + inertia > uneven and min(stiffness, k) > 0.0
     error, relaxation = limited(start.error), relaxation_rate(k, c, mass)
@@ -147,9 +152,8 @@ def static_end(
         )
         begin = Linear((inertia - damping * sinking) / stiffness, stiffness, damping)
         end = Linear((inertia - c * end_sinking) / k, k, c)
-        layer = layer_at(knee.law, end_depth)
-        in_layer = end_depth - float(knee.law[max(layer, 1), BEGIN])
-        error = static_deviation(before, begin, end, in_layer, mass, h)
+        growth = exponent if knee.remembers_impact else 0.0
+        error = static_deviation(before, begin, end, in_layer, growth, mass, h)
         before_bound = height_bound(before, relaxation)
         begin_layer = layer_at(knee.law, depth)
         if layer > 1 and before_bound > in_layer:
@@ -204,12 +208,18 @@ def static_end(
 
 @in_kernel
 def static_deviation(
-    error: Error, begin: Linear, end: Linear, in_layer: float, mass: float, h: float
+    error: Error,
+    begin: Linear,
+    end: Linear,
+    in_layer: float,
+    growth: float,
+    mass: float,
+    h: float,
 ) -> Error:
     """Return the deviation of the static contact from the dynamic one after a tick of `h` [s].
 
     Where it would come to rest moves linearly from the beginning to the end; `in_layer` [m] is the depth in the layer
-    at the end.
+    at the end, and `growth` is as in `with_curvature`.
     """
     spring, dashpot = 0.5 * (begin.stiffness + end.stiffness), 0.5 * (begin.damping + end.damping)
     drift = (end.rest - begin.rest) / h
@@ -243,5 +253,5 @@ def static_deviation(
         unknown += swing
     way, speed = response(spring * unknown, spring, dashpot, mass, h)
     return with_curvature(
-        with_bound(moved, way, speed), math.inf, in_layer, spring, dashpot, mass, h
+        with_bound(moved, way, speed), math.inf, in_layer, spring, dashpot, growth, mass, h
     )

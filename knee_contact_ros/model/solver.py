@@ -293,7 +293,8 @@ def error_after_step(
     relaxation = relaxation_rate(k, c, mass)
     # From the edge of a layer on, the stiffness rises as xⁿ⁻¹: at once if n is near 1. With this much on the edge
     # instead of 0, Simpson's rule gives the mean.
-    rest = max(2.0 - float(mode.knee.law[mode.layer, EXPONENT]), 0.0)
+    exponent = float(mode.knee.law[mode.layer, EXPONENT])
+    rest = max(2.0 - exponent, 0.0)
     least = rest * rest * k
     begin_k, end_k = max(begin.stage.stiffness, least), max(step.end.stiffness, least)
     error = propagated(error, begin_k, k, end_k, c, mass, h)
@@ -307,7 +308,8 @@ def error_after_step(
         beside,
     )
     in_layer = max(begin.stage.depth, step.end.depth) - float(mode.knee.law[mode.layer, BEGIN])
-    error = with_curvature(error, beside, in_layer, k, c, mass, h)
+    growth = exponent if mode.knee.remembers_impact else 0.0
+    error = with_curvature(error, beside, in_layer, k, c, growth, mass, h)
     if step.leap > 0.0:
         # Between which stages the contact leaps is known, but not when.
         jump = step.leap * (c + k * h)

@@ -124,6 +124,7 @@ def test_what_was_said_right_and_wrong_is_not_any_more(seed, level, tolerance):
         4037000972,  # how a contact began was lost with a law that does not ask, and is asked for by a later one
         6637000491,  # a contact that began at an unknown speed becomes one that hardly moves if it began at rest
         6619000125,  # a layer with the exponent 1.0019, whose stiffness on the edge is 0 and right behind it is not
+        6637000612,  # a contact creeps from an error of a third of its depth; its damping goes with the depth
         6001001382,  # the static contact lies in a damped layer, and the femur swings in the undamped one above
     ],
 )
