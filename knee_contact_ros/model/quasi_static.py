@@ -178,7 +178,13 @@ def static_end(
                 unknown += min(abs(depth - end_depth), load_rate * min(late, h) / k)
         # Of the inertia that is left out, only means are known, over a tick and over two parts of it. Within a part it
         # may change by as much as between the two.
-        way, speed = response(abs(inertia) + 2.0 * uneven, k, c, mass, h)
+        push = abs(inertia) + 2.0 * uneven
+        if in_layer > 0.0:
+            # The depth x in a layer goes with the nth root of its force. Where that ends, it falls faster and faster:
+            # by n - 1 times the square of its rate over x.
+            bend = (exponent - 1.0) * end_sinking * end_sinking * end_cosine / in_layer
+            push += mass * abs(bend + (end_sinking - sinking) / h)
+        way, speed = response(push, k, c, mass, h)
         if knee.surfaces.non_convex > 0.0 or not math.isnan(
             next_kink(knee.surfaces, tick.angle, end_angle)
         ):
