@@ -122,8 +122,8 @@ MUTANTS = (
     Mutant(
         "the contact point of a knee that bends the other way",
         "model/answers.py",
-        "words[i, W_POINT + 1] = point_y",
-        "words[i, W_POINT + 1] = -point_y",
+        "words[i, WORD_OF.contact_point_y] = point_y",
+        "words[i, WORD_OF.contact_point_y] = -point_y",
         "model/test_model.py model/test_message_values.py",
     ),
     # From sensors to a load

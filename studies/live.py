@@ -35,7 +35,7 @@ from knee_contact_ros.bags.provenance import (
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import GROUPS
 from knee_contact_ros.commands.options import FILE
-from knee_contact_ros.model.types import FLAT, MESSAGE_FIELDS, Status, byte_offset
+from knee_contact_ros.model.types import BYTE_OF, FLAT, MESSAGE_FIELDS, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import has_two_compartments
@@ -52,7 +52,7 @@ from tests.ros.conftest import NodeProcess, Peer, call, set_parameters
 
 PATIENCE = 20.0
 """Time [s] after which a command that does not end is stopped"""
-STATUS = byte_offset("status")
+STATUS = BYTE_OF.status
 """Place of the status among the bytes of an answer"""
 LEAST = 0.005
 """Time [s] by which a clock may be set unseen"""

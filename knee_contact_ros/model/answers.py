@@ -9,15 +9,15 @@ from .error_estimate import capped, velocity_bound
 from .laws import BEGIN, force_at, layer_at
 from .mechanisms import translation
 from .types import (
+    BYTE_OF,
     MAX_CONTACT_X,
     MAX_FLEXION,
     MIN_FLEXION,
+    WORD_OF,
     Bytes,
     Counts,
     Floats,
     Status,
-    byte_offset,
-    word_index,
 )
 
 LARGEST_FORCE_ERROR = 1e12
@@ -27,29 +27,6 @@ LINEAR_FORCE_FRACTION = 0.05
 `studies.honesty scenes` would notice: 1532 of the quasi-static forces are not covered without it."""
 NOT_CONVERGED = int(Status.NOT_CONVERGED)
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
-# Numba reads places from global numbers only. Each name of a place stands beside the name of its field.
-W_ANGLE = word_index("flexion_angle")
-W_LOAD = word_index("load")
-W_FORCE = word_index("contact_force")
-W_DEPTH = word_index("penetration_depth")
-W_GAP = word_index("gap")
-W_RATE = word_index("penetration_rate")
-W_SLIDING = word_index("sliding_velocity")
-W_POINT = word_index("contact_point_x")
-W_HEIGHT = word_index("femoral_height")
-W_CARTILAGE = word_index("cartilage_depth")
-W_BONE = word_index("bone_depth")
-W_ERROR = word_index("error_estimate")
-W_FORCE_ERROR = word_index("force_error_estimate")
-W_WRENCH = word_index("contact_wrench_force_x")
-W_TORQUE_Z = word_index("contact_wrench_torque_z")
-W_X = word_index("femoral_x")
-W_NORMAL_X = word_index("normal_x")
-W_NORMAL_Y = word_index("normal_y")
-B_STATE = byte_offset("contact_state")
-B_FIDELITY = byte_offset("fidelity")
-B_STATUS = byte_offset("status")
-C_EVALUATIONS = byte_offset("evaluations") // 4
 
 
 @inlined
@@ -88,31 +65,35 @@ def write_answer(
     missed = not (result.converged and estimate <= knee.tolerance and force_kept)
     velocity = 0.0 if math.isnan(result.femur.velocity) else result.femur.velocity
     force_x, force_y = -force * normal_x, -force * normal_y
-    words[i, W_ANGLE] = angle
-    words[i, W_LOAD] = load
-    words[i, W_FORCE] = force
-    words[i, W_DEPTH] = depth
-    words[i, W_GAP] = max(0.0, -stage.depth)
-    words[i, W_RATE] = stage.rate
+    words[i, WORD_OF.flexion_angle] = angle
+    words[i, WORD_OF.load] = load
+    words[i, WORD_OF.contact_force] = force
+    words[i, WORD_OF.penetration_depth] = depth
+    words[i, WORD_OF.gap] = max(0.0, -stage.depth)
+    words[i, WORD_OF.penetration_rate] = stage.rate
     # Second of Eqs. 6: velocity of the femur's deepest point along the anterior tangent t = (n_y, -n_x) of the tibia.
-    words[i, W_SLIDING] = angle_rate * (x_slope * normal_y + extent) - velocity * normal_x
-    words[i, W_POINT] = point_x
-    words[i, W_POINT + 1] = point_y
-    words[i, W_HEIGHT] = height
-    words[i, W_X] = x
-    words[i, W_NORMAL_X] = normal_x
-    words[i, W_NORMAL_Y] = normal_y
-    words[i, W_CARTILAGE] = depth - bone
-    words[i, W_BONE] = bone
-    words[i, W_ERROR] = capped(estimate)
+    words[i, WORD_OF.sliding_velocity] = (
+        angle_rate * (x_slope * normal_y + extent) - velocity * normal_x
+    )
+    words[i, WORD_OF.contact_point_x] = point_x
+    words[i, WORD_OF.contact_point_y] = point_y
+    words[i, WORD_OF.femoral_height] = height
+    words[i, WORD_OF.femoral_x] = x
+    words[i, WORD_OF.normal_x] = normal_x
+    words[i, WORD_OF.normal_y] = normal_y
+    words[i, WORD_OF.cartilage_depth] = depth - bone
+    words[i, WORD_OF.bone_depth] = bone
+    words[i, WORD_OF.error_estimate] = capped(estimate)
     force_error = force_estimate if force_estimate < LARGEST_FORCE_ERROR else LARGEST_FORCE_ERROR
-    words[i, W_FORCE_ERROR] = force_error
-    words[i, W_WRENCH] = force_x
-    words[i, W_WRENCH + 1] = force_y
-    words[i, W_TORQUE_Z] = point_x * force_y - point_y * force_x
-    codes[i, B_STATE] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
-    codes[i, B_FIDELITY] = fidelity
+    words[i, WORD_OF.force_error_estimate] = force_error
+    words[i, WORD_OF.contact_wrench_force_x] = force_x
+    words[i, WORD_OF.contact_wrench_force_y] = force_y
+    words[i, WORD_OF.contact_wrench_torque_z] = point_x * force_y - point_y * force_x
+    codes[i, BYTE_OF.contact_state] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
+    codes[i, BYTE_OF.fidelity] = fidelity
     implausible = depth > knee.plausible_depth or far or not MIN_FLEXION <= angle <= MAX_FLEXION
     implausible = implausible or (depth > 0.0 and abs(point_x) > MAX_CONTACT_X)
-    codes[i, B_STATUS] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if implausible else 0)
-    counts[i, C_EVALUATIONS] = evaluations
+    codes[i, BYTE_OF.status] = (NOT_CONVERGED if missed else 0) | (
+        IMPLAUSIBLE if implausible else 0
+    )
+    counts[i, BYTE_OF.evaluations // 4] = evaluations

@@ -7,7 +7,7 @@ constants in `msg/KneeContact.msg`.
 
 import math
 import struct
-from collections.abc import Iterator
+from collections import namedtuple
 from enum import IntEnum, IntFlag
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
@@ -275,55 +275,21 @@ def _fields(record: type[Row], before: str = "", unit: str = "") -> np.dtype[Any
     return np.dtype(fields, align=True)
 
 
-def _place(name: str) -> slice:
-    """Return the place of a field's bytes among those of a row."""
-    fields: Any = ROW.fields
-    kind, begin, *_ = fields[name]
-    return slice(begin, begin + kind.itemsize)
-
-
 ROW = np.dtype((Contact, _fields(Contact)))
 """NumPy type of a row of answers, whose elements are `Contact` records"""
-WRENCH_BYTES = _place("contact_wrench")
-"""Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
-_DECLARED = list(Contact.__annotations__)
-_LAST_OF_MESSAGE = _DECLARED[_DECLARED.index("contact_wrench") - 1]
-MESSAGE_BYTES = slice(0, _place(_LAST_OF_MESSAGE).stop)
-"""Bytes of a row that equal those of a `KneeContact` message after its header, if that ends at a multiple of 8 B"""
-
-
-def _numbers(
-    kind: np.dtype[Any], before: str, at: int
-) -> Iterator[tuple[str, np.dtype[Any], int]]:
-    """Yield name, type and byte offset of every number in a record type, nested ones included."""
-    for name, (field, offset, *_) in (kind.fields or {}).items():
-        if field.fields:
-            yield from _numbers(field, f"{before}{name}_", at + offset)
-        else:
-            yield before + name, field, at + offset
-
-
-_NAMES, _FORMATS, _OFFSETS = zip(*_numbers(ROW, "", 0), strict=True)
-FLAT = np.dtype(
-    {"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize}
-)
+FLAT = np.dtype([(name, field.kind) for name, field in FIELDS.items()], align=True)
 """The same row as a flat record, in which nested numbers have names of their own, such as `contact_point_x`"""
-MESSAGE_FIELDS = tuple(
-    name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE_BYTES.stop
-)
+_OFFSETS = [begin for _, begin, *_ in (FLAT.fields or {}).values()]
+BYTE_OF: Any = namedtuple("Places", FIELDS)(*_OFFSETS)  # type: ignore[arg-type]  # a tuple to mypy
+"""Byte of a row at which each number of `FLAT` begins, by its name: compiled code reads a named tuple as constants"""
+WORD_OF = BYTE_OF._make(begin // 8 for begin in BYTE_OF)
+"""The same of its 8-byte words"""
+MESSAGE_FIELDS = tuple(FIELDS)[: BYTE_OF.index(BYTE_OF.contact_wrench_force_x)]
 """Names in `FLAT` of the numbers that the message has"""
-
-
-def byte_offset(name: str) -> int:
-    """Return where a number of `FLAT` begins among the bytes of a row."""
-    return int(FLAT.fields[name][1])  # type: ignore[index]  # it has fields
-
-
-def word_index(name: str) -> int:
-    """Return which of the 8-byte words of a row a number of `FLAT` is."""
-    return byte_offset(name) // 8
-
-
+MESSAGE_BYTES = slice(0, BYTE_OF[len(MESSAGE_FIELDS) - 1] + FLAT[MESSAGE_FIELDS[-1]].itemsize)
+"""Bytes of a row that equal those of a `KneeContact` message after its header, if that ends at a multiple of 8 B"""
+WRENCH_BYTES = slice(BYTE_OF.contact_wrench_force_x, BYTE_OF.stamp)
+"""Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
 STRUCT_CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
 """Format characters of `struct` for NumPy's number types"""
 
@@ -353,7 +319,7 @@ def blank_answers(number: int) -> Rows:
 def unknown_answers(number: int) -> Rows:
     """Return rows of unknown answers, shape (number,): real numbers are NaN, integers 0."""
     rows = np.zeros(number, dtype=ROW)
-    for name in _NAMES:
+    for name in FIELDS:
         if FLAT[name].kind == "f":
             rows.view(FLAT)[name] = np.nan
     return rows
