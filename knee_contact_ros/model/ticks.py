@@ -40,14 +40,6 @@ PRESCRIBED_HEIGHT = 3
 """Level of a knee whose femoral height is prescribed; its answers have the fidelity `DYNAMIC`"""
 LEVELS = {"quasi_static": QUASI_STATIC, "dynamic": DYNAMIC, "auto": DYNAMIC}
 """Levels of the model by the names that the parameter `fidelity.level` uses"""
-IN_DURATION = 0
-"""Column of the samples: time since the last tick [s]"""
-IN_ANGLE = 1
-"""Flexion angle [rad]"""
-IN_LOAD = 2
-"""Load [N]"""
-IN_HEIGHT = 3
-"""Prescribed height [m] or NaN"""
 SETTLING_TIME = 0.1
 """Time of contact [s] in which the femur settles after a flight that is too far for a knee, and stays `IMPLAUSIBLE`: 27
 decay times of the paper's healthy knee, 2 x 9.3 kg over 5 kN s/m"""
@@ -64,12 +56,13 @@ def run(
 ) -> None:
     """Compute ticks in order into rows of answers, which are passed as their words, bytes and half words.
 
-    `state` has shape (`STATE_SIZE`,), `samples` (n, 4). The duration of the first tick of a run has no effect: that
-    tick is answered with the contact at rest.
+    `state` has shape (`STATE_SIZE`,), `samples` (n, 4): time since the last tick [s], flexion angle [rad], load [N] and
+    prescribed height [m] or NaN. The duration of the first tick of a run has no effect: that tick is answered with the
+    contact at rest.
     """
     for i in range(len(samples)):
-        duration, angle = float(samples[i, IN_DURATION]), float(samples[i, IN_ANGLE])
-        load, height = float(samples[i, IN_LOAD]), float(samples[i, IN_HEIGHT])
+        duration, angle = float(samples[i, 0]), float(samples[i, 1])
+        load, height = float(samples[i, 2]), float(samples[i, 3])
         angle_rate, fidelity = 0.0, DYNAMIC
         if state[AT_BEGUN] == 0.0:
             result = at_rest(knee, angle, load, height, knee.budget, 0)
@@ -140,7 +133,8 @@ def at_rest(
     """
     if not math.isnan(height):
         depth, _, _ = touch(knee.surfaces, angle, 0.0, height)
-        return at_height(knee, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan, 0.0)
+        impact = 0.0 if depth > 0.0 else math.nan
+        return at_height(knee, height, 0.0, depth, 0.0, impact, 0.0, 0)
     height, depth, force, stiffness, damping, cosine, used = static_contact(
         knee.surfaces, knee.law, angle, load, START_HEIGHT, 0.0, 0.0, most
     )
@@ -159,14 +153,19 @@ def at_height(
     rate: float,
     impact: float,
     impact_error: float,
+    spent: int,
 ) -> Result:
-    """Return the contact at a prescribed height [m] and velocity [m/s], given depth [m] and rate [m/s] there."""
+    """Return the contact at a prescribed height [m] and velocity [m/s], given depth [m] and rate [m/s] there.
+
+    `impact` is the impact speed [m/s] with its error, and `spent` the evaluations until then.
+    """
     force, _, _ = law_force(knee.law, depth, rate, 0.0 if math.isnan(impact) else impact)
     force = force if knee.allow_tension else max(force, 0.0)
     stage = Stage(depth, rate, force, 0.0, 0.0, 0.0, 1.0, 0.0)
     femur = FemurState(height, velocity, EXACT, math.inf, impact, impact_error)
     known = impact_error == 0.0 or not knee.remembers_impact
-    return Result(femur, stage, force, 0.0, 0.0, 1 if depth > 0.0 else 0, known)
+    used = spent + (1 if depth > 0.0 else 0)
+    return Result(femur, stage, force, 0.0, 0.0, used, known)
 
 
 @in_kernel
@@ -179,20 +178,11 @@ def move_to(knee: KneeConstants, tick: Interval, start: FemurState, end_height: 
     velocity = (end_height - start.height) / tick.duration
     depth, rate = led_contact(knee, tick, end_height, velocity, tick.duration)
     if depth <= 0.0:
-        return at_height(knee, end_height, velocity, depth, rate, math.nan, 0.0)
+        return at_height(knee, end_height, velocity, depth, rate, math.nan, 0.0, 0)
     impact, searched, probes = last_touch(knee, tick, start.height, velocity, depth, rate)
     error = 0.0
     if math.isnan(impact):
         # It is not known until the next touch, if an end of the contact may have been missed.
         impact = 0.0 if math.isnan(start.impact_speed) else start.impact_speed
         error = start.impact_error if searched else math.inf
-    result = at_height(knee, end_height, velocity, depth, rate, impact, error)
-    return Result(
-        result.femur,
-        result.stage,
-        result.force,
-        0.0,
-        0.0,
-        result.evaluations + probes,
-        result.converged,
-    )
+    return at_height(knee, end_height, velocity, depth, rate, impact, error, probes)
