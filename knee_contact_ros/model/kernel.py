@@ -25,41 +25,22 @@ from . import ticks
 from .compiler import ENTRY, FAST_ENTRY, HOST_SIZES, BuildError, build, host, translate
 from .contact import KneeConstants
 from .laws import hertz
-from .mechanisms import MECHANISMS
+from .mechanisms import hinge
 from .profiles import Circle
 from .surfaces import ContactPair, Plane
-from .types import ROW, Bytes, Counts, Floats, Rows
+from .types import ROW, Floats, Rows
 
 KEPT_LIBRARIES = 4
 """Largest number of libraries in a folder"""
 _log = logging.getLogger(__name__)
 
 
-def kernel_views(rows: Rows) -> tuple[Floats, Bytes, Counts]:
-    """Return views of contiguous rows of answers as words, bytes and half words, each of shape (n, k)."""
-    count, size = len(rows), ROW.itemsize
-    return (
-        rows.view(np.float64).reshape(count, size // 8),
-        rows.view(np.uint8).reshape(count, size),
-        rows.view(np.uint32).reshape(count, size // 4),
-    )
-
-
 def example_knee() -> KneeConstants:
     """Return the constants of a knee; those of any law, surface and mechanism have the types of these."""
-    return KneeConstants(
-        surfaces=ContactPair(Circle(0.034), Plane(0.0), MECHANISMS["hinge"]()).surfaces,
-        law=hertz(stiffness=1e7, exponent=1.5).rows,
-        mass=1.0,
-        per_mass=1.0,
-        tolerance=1e-6,
-        force_tolerance=0.0,
-        budget=1,
-        level=ticks.DYNAMIC,
-        allow_tension=False,
-        remembers_impact=False,
-        plausible_depth=1e-3,
-    )
+    from .knee import KneeModel  # which imports this module
+
+    pair = ContactPair(Circle(0.034), Plane(), hinge())
+    return KneeModel(pair, hertz(stiffness=1e7, exponent=1.5), mass=1.0).constants
 
 
 class Constants:
@@ -110,7 +91,12 @@ class Kernel:
         All arrays are contiguous. Their addresses are looked up once, which takes longer than a tick.
         """
         if self._functions is None or self._constants is None:
-            return partial(ticks.run, self.knee, state, samples, *kernel_views(answers))
+            count, kinds = len(answers), (np.float64, np.uint8, np.uint32)
+            views: Any = [
+                answers.view(kind).reshape(count, ROW.itemsize // np.dtype(kind).itemsize)
+                for kind in kinds
+            ]
+            return partial(ticks.run, self.knee, state, samples, *views)
         places = [array.ctypes.data for array in (state, samples, answers)]
         knee, run, data, rows = map(ctypes.c_void_p, (self._constants.address, *places))
         function = self._functions[len(samples) == 1]

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from .laws import ContactLaw
 from .statics import plain_static_depth
-from .types import NANOSECOND, ContactState, Floats, Rows, Status
+from .types import NANOSECOND, ContactState, Rows, Status
 
 Readings = NDArray[Any]
 """Readouts of answers: an array of `READOUTS`, shape (n,)"""
@@ -96,7 +96,11 @@ class ContactPatch(NamedTuple):
         read["mean_pressure"] = np.divide(force, area, out=np.zeros_like(area), where=touching)
         read["peak_pressure"] = self.spread.peak * read["mean_pressure"]
         read["strain"] = rows["cartilage_depth"] / self.thickness
-        read["loading_rate"] = force_rate(rows)
+        read["loading_rate"] = np.nan
+        steps = np.diff(rows["stamp"]) * NANOSECOND
+        continues = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)
+        change = np.diff(rows["contact_force"])
+        np.divide(change, steps, out=read["loading_rate"][1:], where=continues)
         return read.view(np.recarray)
 
 
@@ -134,12 +138,3 @@ def load_uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readin
         depth[place] = min(depth[place], plain_static_depth(law.rows, float(force[place])))
     found["penetration_depth"] = np.where(np.isnan(force), np.nan, depth)
     return found.view(np.recarray)
-
-
-def force_rate(rows: Rows) -> Floats:
-    """Return the rate of the contact force [N/s] since the answer before, shape (n,); see `ContactPatch.readouts`."""
-    rate = np.full(len(rows), np.nan)
-    steps = np.diff(rows["stamp"]) * NANOSECOND
-    continues = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)
-    np.divide(np.diff(rows["contact_force"]), steps, out=rate[1:], where=continues)
-    return rate
