@@ -175,7 +175,7 @@ def run(
     model = knee(scene, tolerance or scene.tolerance, budget, level=level, quick=quick)
     if not scene.thrown:
         return model.run(scene.time, scene.angle, scene.load)
-    height = model.closest(scene.angle[0], 0.0).depth + scene.start_gap  # of a level plane
+    height = model.pair.closest(scene.angle[0], 0.0).depth + scene.start_gap  # of a level plane
     state = np.zeros(run_state.STATE_SIZE)
     state[[run_state.AT_BEGUN, run_state.AT_ANGLE, run_state.AT_LOAD]] = (
         1.0,

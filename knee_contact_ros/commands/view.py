@@ -272,7 +272,7 @@ def _answers_of(knee: DrawnKnee, advance: OnProgress) -> Iterator[tuple[Sequence
             angle = float(block["flexion_angle"][i])
             height = float(block["femoral_height"][i])
             x, _ = knee.model.pair.mechanism.translation(angle)
-            closest = knee.model.closest(angle, height)
+            closest = knee.model.pair.closest(angle, height)
             block["femoral_x"][i] = x
             block["normal_x"][i] = closest.normal_x
             block["normal_y"][i] = closest.normal_y

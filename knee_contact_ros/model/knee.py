@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from . import run_state, ticks
 from .arrays import InputError, check_answers, plain_array
-from .closest import Closest
 from .contact import KneeConstants
 from .inputs import MOST_PLAUSIBLE_LOAD, InputCheck
 from .kernel import Kernel
@@ -121,14 +120,9 @@ class KneeModel:
         return f"{self.pair}, contact law {' + '.join(layers)}, {drive}"
 
     @property
-    def femoral_radius(self) -> float:
-        """Radius of the circle that fits the femoral surface best [m]."""
-        return self.pair.femoral_radius
-
-    @property
     def plausible_depth(self) -> float:
         """Depth [m] above which an answer is `IMPLAUSIBLE`: a fraction of the radius, at most the law's thickness."""
-        return min(_PLAUSIBLE_SHARE * self.femoral_radius, self.law.thickness)
+        return min(_PLAUSIBLE_SHARE * self.pair.femoral_radius, self.law.thickness)
 
     @property
     def cartilage_thickness(self) -> float:
@@ -220,16 +214,11 @@ class KneeModel:
         if any(column.ndim != 1 or column.shape != times.shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)
             raise InputError(f"{names} must be one-dimensional and of equal length, got {shapes}")
-        _check_limits(columns[1:])
         stamps = np.rint(times / NANOSECOND)
         if not (np.abs(times) < LARGEST_TIME).all() or (np.diff(stamps) <= 0.0).any():
             raise InputError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
-        self.check_drive(bool(heights))
-        durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
-        height = heights[0] if heights else np.full(len(times), math.nan)
-        answers = blank_answers(len(times))
-        self.compute(np.column_stack([durations, angles, loads, height]), answers)
-        answers["stamp"] = stamps
+        height = heights[0] if heights else None
+        answers = self.stream().advance_all(stamps.astype(np.int64), angles, loads, height)
         inputs = InputCheck(load_driven=not heights, compression="load > 0")
         if len(answers):
             inputs.add_samples(answers["stamp"], angles, loads)
@@ -326,10 +315,6 @@ class KneeModel:
                 raise ValueError("drive displacement needs a femoral_height")
             raise ValueError("drive force takes no femoral_height")
 
-    def closest(self, angle: float, height: float) -> Closest:
-        """Return the common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
-        return self.pair.closest(angle, height)
-
     def static_depth(self, load: float) -> float:
         """Return the depth [m] at which the law at rest carries a normal force [N]."""
         return plain_static_depth(self.law.rows, load)
@@ -382,9 +367,9 @@ class Stream:
         state[run_state.AT_TRY_STEP] = math.inf
         angle, height = float(state[run_state.AT_ANGLE]), float(state[run_state.AT_HEIGHT])
         if state[run_state.AT_LOST_SPEED] > 0.0:
-            depth = model.closest(angle, height).depth
+            depth = model.pair.closest(angle, height).depth
             same = model.law == before.law and model.mass == before.mass
-            if not same or depth != before.closest(angle, height).depth:
+            if not same or depth != before.pair.closest(angle, height).depth:
                 throw_lost(state, model.law.rows, depth, model.mass, before.mass)
         if self.model.constants.level == ticks.QUASI_STATIC:
             rest = np.zeros(run_state.STATE_SIZE)
@@ -447,13 +432,7 @@ class Stream:
             raise InputError("time must be a number")
         if not abs(time) < LARGEST_TIME:
             raise InputError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
-        return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
-
-    def tick_ns(
-        self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None
-    ) -> Contact:
-        """Advance to an integer stamp [ns] and return the answer; otherwise as `tick`."""
-        self.advance(stamp, flexion_angle, load, femoral_height)
+        self.advance(round(time / NANOSECOND), flexion_angle, load, femoral_height)
         # A copy of the row would leave out its padding; these are all its bytes.
         contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]
         return contact
@@ -515,7 +494,8 @@ class Stream:
         answers = blank_answers(len(stamps))
         answers["stamp"] = stamps
         self.model.compute(samples, answers, self._state)
-        self._stamp = int(stamps[-1])
+        if len(stamps):
+            self._stamp = int(stamps[-1])
         return answers
 
 

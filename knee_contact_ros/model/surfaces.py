@@ -187,10 +187,6 @@ class ContactPair:
     def __str__(self) -> str:
         return f"{self.femur} on {self.tibia}, {self.mechanism}"
 
-    def outline(self, reach: float) -> Floats:
-        """Return points along the tibial surface, shape (n, 2) [m] in the tibia frame, to `reach` [m] on both sides."""
-        return self.tibia.outline(reach)
-
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal at a flexion angle [rad] and a height of the femoral reference point [m]."""
         x, _ = self.mechanism.translation(angle)

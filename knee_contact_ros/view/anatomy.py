@@ -159,7 +159,7 @@ def outlines_of_compartments(
         for angle in WALKING.tolist():
             x, _ = model.pair.mechanism.translation(angle)
             height = model.pair.femur.support(angle)[0]
-            touched.append(model.closest(angle, height).point(x, height)[0])
+            touched.append(model.pair.closest(angle, height).point(x, height)[0])
         ranges.append((min(touched), max(touched)))
     anatomies = _anatomies(
         models, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both)
@@ -168,7 +168,7 @@ def outlines_of_compartments(
         KneeOutlines(
             name,
             model.pair.femur.outline(),
-            model.pair.outline(PLATEAU_REACH),
+            model.pair.tibia.outline(PLATEAU_REACH),
             model.cartilage_thickness,
             reach,
             body_weight,
@@ -203,7 +203,7 @@ def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatom
     for model, femur in zip(models, femora, strict=True):
         both = min(model.cartilage_thickness, model.law.thickness)
         thickness = 0.5 * both if math.isfinite(both) else DRAWN_THICKNESS
-        tibia = _even(model.pair.outline(max(PLATEAU * extent, least_plateau)))
+        tibia = _even(model.pair.tibia.outline(max(PLATEAU * extent, least_plateau)))
         width = float(np.ptp(tibia[[0, -1], 0]))
         edge = float(tibia[[0, -1], 1].min())
         tibial_shaft = 0.5 * (tibia[0, 0] + tibia[-1, 0]) + 0.5 * TIBIA_WIDTH * width * np.array(
@@ -228,12 +228,12 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     knee = outlines_of(model, "", 1.0).anatomy
     x, _ = model.pair.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
-    closest = model.closest(flexion_angle, femoral_height)
+    closest = model.pair.closest(flexion_angle, femoral_height)
     point = closest.point(x, femoral_height)
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur = model.pair.femur.outline()
-        tibia = model.pair.outline(10.0 * model.femoral_radius)
+        tibia = model.pair.tibia.outline(10.0 * model.pair.femoral_radius)
         upper, lower = find_overlaps(
             to_tibia_frame(femur, *pose)[None], tibia, np.array(point[:1])
         )

@@ -72,7 +72,7 @@ def thrown(
     `turn` are the angles [rad] and `load` to `end_load` the loads [N] of the tick. `state` has other entries of the
     run's state, by the names of their places in `run_state` after AT_.
     """
-    touching = knee.closest(turn[0], 0.0).depth  # of a level plane
+    touching = knee.pair.closest(turn[0], 0.0).depth  # of a level plane
     begin = {
         "BEGUN": 1.0,
         "ANGLE": turn[0],

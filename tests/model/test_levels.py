@@ -70,7 +70,7 @@ def test_the_quasi_static_level_balances_the_load_at_rest(name):
     assert (rows.fidelity == Fidelity.QUASI_STATIC).all()
     forces = np.array([knee.law.static_force(row.penetration_depth) for row in rows])
     upright = np.array(
-        [knee.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows]
+        [knee.pair.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows]
     )
     # What Newton's method leaves of a depth of 0.1 mm after a correction of 1e-12 m is rounding, and n_y on a curved
     # tibia is that of a height that rounds to 7e-18 m

@@ -83,7 +83,9 @@ def test_no_tick_looks_at_the_surfaces_more_often_than_its_budget_allows(
 def test_a_given_up_tick_is_answered_with_the_contact_at_rest():
     for _, knee, series in limits(("kelvin_voigt", "two_layer_viscoelastic"), 12):
         rows = series[1:][lost(series)]
-        upright = [knee.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows]
+        upright = [
+            knee.pair.closest(row.flexion_angle, row.femoral_height).normal_y for row in rows
+        ]
         # The depth is solved to rounding; a load that pulls lets the surfaces just touch.
         assert rows.contact_force * upright == pytest.approx(
             np.maximum(rows.load, 0.0), rel=1e-9, abs=1e-9

@@ -145,7 +145,7 @@ def test_sliding_is_that_of_the_femurs_material_point(kind, apart):
     row = knee.run(
         [0.0, tick], [angle - rate * tick, angle], [0.0, 0.0], [end - climb * tick, end]
     )[1]
-    found = knee.closest(angle, end)
+    found = knee.pair.closest(angle, end)
     normal = np.array([found.normal_x, found.normal_y])
     tangent = np.array([normal[1], -normal[0]])
     arm = -found.extent * normal - found.turning * tangent

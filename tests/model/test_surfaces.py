@@ -329,7 +329,7 @@ def test_points_may_repeat_and_come_in_either_order():
     )
     assert there.closest(0.4, 0.035) == back.closest(0.4, 0.035)
     assert surfaces.TIBIAL_GEOMETRIES["profile"] is Plateau
-    outline = there.outline(0.15)
+    outline = there.tibia.outline(0.15)
     assert (outline[0, 0], outline[-1, 0]) == (x[0], x[-1])
 
 

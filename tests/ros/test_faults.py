@@ -103,7 +103,8 @@ def test_a_fault_costs_nothing_but_the_faulty_sample(listening, running, fault):
     for contact, sample in zip(peer.contacts, expected, strict=True):
         if sample.status & Status.TIME_RESET:
             stream = model.stream()
-        alone = stream.tick_ns(sample.stamp, sample.angle, SHARE * sample.axial)
+        stream.advance(sample.stamp, sample.angle, SHARE * sample.axial)
+        (alone,) = stream.answer
         assert [getattr(contact, name) for name in FIELDS] == [
             getattr(alone, name) for name in FIELDS
         ]

@@ -60,7 +60,7 @@ def test_numbers_change_between_two_ticks(peer, start_node):
             stream.continue_with(retuned(model, load_parameters(changes)))
         axial = 800.0 + 300.0 * np.sin(0.4 * i)
         peer.send(i * 5 * MS, 0.2, axial)
-        expected.append(stream.tick_ns(i * 5 * MS, 0.2, shares[i >= 20] * axial))
+        expected.append(stream.tick(0.005 * i, 0.2, shares[i >= 20] * axial))
     peer.wait_until(lambda: len(peer.contacts) == 40)
     for name in ("penetration_depth", "penetration_rate", "error_estimate", "status"):
         assert [getattr(contact, name) for contact in peer.contacts] == [

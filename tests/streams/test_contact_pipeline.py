@@ -116,11 +116,8 @@ def test_each_compartment_answers_as_if_it_were_alone(values):
         if file
     }
     stream = quick(build_model(own, curves=texts)).stream()
-    again = [
-        stream.tick_ns(int(row["stamp"]), float(row["flexion_angle"]), float(row["load"]))
-        for row in lateral
-    ]
-    assert without_place(np.array(again, ROW)) == without_place(lateral)
+    again = stream.advance_all(lateral["stamp"], lateral["flexion_angle"], lateral["load"], None)
+    assert without_place(again) == without_place(lateral)
 
 
 @settings(deadline=None, max_examples=25)

@@ -49,7 +49,7 @@ def pressed(model, angle, depth=DEPTH):
     """A knee as deep as that, to 1e-9 m."""
     height = 0.03
     for _ in range(60):
-        closest = model.closest(angle, height)
+        closest = model.pair.closest(angle, height)
         height += (closest.depth - depth) / closest.normal_y
     picture = picture_of(model, angle, height)
     assert picture.depth == pytest.approx(depth, abs=1e-9)
@@ -139,7 +139,7 @@ def test_surfaces_are_the_model_s(config, name):
     tibia = anatomy.tibia_cartilage[:SURFACE_POINTS]
     assert (np.diff(tibia[:, 0]) > 0.0).all()
     assert tibia[:, 1] == pytest.approx(
-        np.interp(tibia[:, 0], *model.pair.outline(0.05).T), abs=2e-5
+        np.interp(tibia[:, 0], *model.pair.tibia.outline(0.05).T), abs=2e-5
     )
 
 

@@ -71,7 +71,7 @@ def test_entities_are_where_the_answers_are(right_bag, tmp_path):
     x = np.array([1e3 * model.pair.mechanism.translation(angle)[0] for angle in angles.tolist()])
     point = 1e3 * np.stack([rows["contact_point"]["x"], rows["contact_point"]["y"]], axis=1)
     closest = [
-        model.closest(*pose)
+        model.pair.closest(*pose)
         for pose in zip(angles.tolist(), rows["femoral_height"].tolist(), strict=True)
     ]
     arrow = (
@@ -390,7 +390,7 @@ def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes):
     frame = layout.frame_of(drawing)
     for angle in (0.0, 1.0):
         x, _ = model.pair.mechanism.translation(angle)
-        touching = model.closest(angle, 1.0)
+        touching = model.pair.closest(angle, 1.0)
         height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
         assert (
             frame.y[0]

@@ -50,7 +50,7 @@ def test_the_model_finds_the_same_contact(name):
         for height in (0.0215, 0.0225, 0.024):
             state = (0.034 - height if name == CIRCLE else height, 0.0)
             depth, _ = geometry.femur.contact(state, angle, 0.0)
-            closest = model.closest(angle, height)
+            closest = model.pair.closest(angle, height)
             # The model searches to 1e-14 m and below; the place of a flat minimum is known to the root of that.
             assert closest.depth == pytest.approx(depth, abs=1e-13)
             expected = geometry.contact_x(angle, state[0])
