@@ -15,8 +15,7 @@ from knee_contact_ros.model.profiles import (
     CELL_NODES,
     CELLS,
     DEGREE,
-    NOTHING,
-    NOWHERE,
+    NO_TABLE,
     Circle,
     KernelTable,
     cell_polynomials,
@@ -93,4 +92,4 @@ class SmoothFemur(Circle):
             raise ValueError(
                 "the support function is not smooth, or its slope is not its derivative"
             )
-        return KernelTable(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])
+        return NO_TABLE._replace(cells=cells)

@@ -25,10 +25,6 @@ DEGREE = 6
 """Degree of these polynomials"""
 SHRUNK = 0.5
 """Fraction of a circle's radius that its spline has; see `Circle.cubics`"""
-NOTHING = np.full((1, 1), math.nan)
-"""Array of numbers of the kernel that is not used"""
-NOWHERE = np.zeros(1, np.int64)
-"""Array of integers of the kernel that is not used"""
 CELL_WIDTH = math.tau / CELLS
 _CELLS_PER_RADIAN = CELLS / math.tau
 _CLOSE = 1e-16
@@ -59,6 +55,12 @@ class KernelTable(NamedTuple):
     """As in `Profile`"""
     kinks: Floats
     """Angles in [0, 2π) [rad], increasing, at which h' jumps"""
+
+
+NOTHING = np.full((1, 1), math.nan)
+"""Array of numbers of the kernel that is not used"""
+NO_TABLE = KernelTable(NOTHING, np.zeros(1, np.int64), NOTHING, NOTHING, NOTHING[0, :0])
+"""Table of a surface that needs none"""
 
 
 @in_kernel
@@ -167,10 +169,8 @@ class Circle:
 
     @property
     def on_plane(self) -> KernelTable:
-        """The support function for the kernel."""
-        constant = np.zeros((1, DEGREE + 1))
-        constant[0, 0] = self.radius
-        return KernelTable(constant, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
+        """The support function for the kernel, which needs the radius alone."""
+        return NO_TABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +196,7 @@ class Profile:
     """
 
     def __post_init__(self) -> None:
-        points = np.stack([np.asarray(self.x, float), np.asarray(self.y, float)])
-        if not np.isfinite(points).all():
-            raise ValueError("a profile point is not finite")
-        repeated = np.all(points[:, 1:] == points[:, :-1], axis=0)
-        points = np.delete(points, np.flatnonzero(repeated), axis=1)
-        if points.shape[1] < 4:
-            raise ValueError(f"a profile needs at least 4 different points, got {points.shape[1]}")
+        points = distinct_points(self.x, self.y, "profile")
         chords = np.sqrt((np.diff(points) ** 2).sum(axis=0))
         places = np.concatenate([[0.0], np.cumsum(chords)])
         x, y = (pieces_through(places, axis)[1:-1, 1:] for axis in points)
@@ -235,11 +229,7 @@ class Profile:
 
     def outline(self, points_per_segment: int = 4) -> Floats:
         """Return points along the curve, shape (n, 2) [m] in the femur frame, for drawing."""
-        length, _, x0, x1, x2, x3, y0, y1, y2, y3 = self.cubics.T[:, :, None]
-        u = np.linspace(0.0, 1.0, points_per_segment, endpoint=False) * length
-        x = x0 + u * (x1 + u * (x2 + u * x3))
-        y = y0 + u * (y1 + u * (y2 + u * y3))
-        return np.stack([x.ravel(), y.ravel()], axis=1)
+        return np.stack(curve_points(self.cubics, points_per_segment), axis=1)[:-1]
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion, in closed form."""
@@ -372,6 +362,32 @@ class Profile:
             axis=0,
         )
         return bool((least[begin < until] > 0.0).all())
+
+
+def distinct_points(x: ArrayLike, y: ArrayLike, name: str) -> Floats:
+    """Return points of a measured curve, shape (2, n) [m], without those that repeat the one before.
+
+    Raises:
+        ValueError: fewer than 4 different points, or a number that is not finite.
+    """
+    points = np.stack([np.asarray(x, float), np.asarray(y, float)])
+    if not np.isfinite(points).all():
+        raise ValueError(f"a {name} point is not finite")
+    repeated = np.all(points[:, 1:] == points[:, :-1], axis=0)
+    points = np.delete(points, np.flatnonzero(repeated), axis=1)
+    if points.shape[1] < 4:
+        raise ValueError(f"a {name} needs at least 4 different points, got {points.shape[1]}")
+    return points
+
+
+def curve_points(cubics: Floats, parts: int) -> tuple[Floats, Floats]:
+    """Return points x, y [m] of a curve, `Profile.cubics`: `parts` in every segment, and the last one's end."""
+    segments, part = np.divmod(np.arange(parts * len(cubics) + 1), parts)
+    segments[-1] = len(cubics) - 1
+    part[-1] = parts
+    length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[segments].T
+    u = length * part / parts
+    return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
 
 
 def cell_polynomials(middle: Floats, at_nodes: Floats, checked: Floats) -> tuple[Floats, Floats]:

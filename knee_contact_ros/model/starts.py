@@ -7,7 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .mechanisms import Mechanism
-from .profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile
+from .profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile, curve_points
 from .splines import cosines, sines
 from .types import Floats, Indices
 
@@ -47,23 +47,11 @@ _FAR_BELOW = -1.0
 """Height [m] of what must not be the highest"""
 
 
-def height_of(pieces: Floats, x: Floats) -> Floats:
-    """Return the height [m] of a curved tibia, `Surfaces.tibia`, at places x [m]."""
-    start, c0, c1, c2, c3 = _pieces_at(pieces, x)
+def height_and_slope(pieces: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Return height [m] and slope of a curved tibia, `Surfaces.tibia`, at places x [m]."""
+    start, c0, c1, c2, c3 = pieces[np.searchsorted(pieces[1:, 0], x, side="right"), :5].T
     u = x - start
-    return np.asarray(c0 + u * (c1 + u * (c2 + u * c3)))
-
-
-def slope_of(pieces: Floats, x: Floats) -> Floats:
-    """Return the slope of a curved tibia at places x [m]."""
-    start, _, c1, c2, c3 = _pieces_at(pieces, x)
-    u = x - start
-    return np.asarray(c1 + u * (2.0 * c2 + u * 3.0 * c3))
-
-
-def _pieces_at(pieces: Floats, x: Floats) -> Floats:
-    """Return start and coefficients of the pieces at places x [m], shape (5, n)."""
-    return np.asarray(pieces[np.searchsorted(pieces[1:, 0], x, side="right"), :5].T)
+    return c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2.0 * c2 + u * 3.0 * c3)
 
 
 def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> KernelTable:
@@ -85,7 +73,7 @@ def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -
         sine, cosine = 0.0, 1.0
         parts = 1
         inner = SHRUNK * femur.radius
-    px, py = _femoral_points(cubics, parts)
+    px, py = curve_points(cubics, parts)
     moved = np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])
     # Femoral points relative to the tibia, at height 0 of the femoral reference point; shape (angles, points)
     x = moved[:, None] + cosine * px - sine * py
@@ -100,7 +88,8 @@ def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -
         offset = _SPACING * np.arange(-reach, reach + 1)
         top = np.sqrt(np.maximum(depth * depth - offset**2, 0.0))
         ball = np.where(abs(offset) <= abs(depth), top, _FAR_BELOW)
-        rise = height_of(tibia, place[0] + _SPACING * np.arange(-reach, len(place) + reach))
+        beside = place[0] + _SPACING * np.arange(-reach, len(place) + reach)
+        rise, _ = height_and_slope(tibia, beside)
         tops = sliding_window_view(sign * rise, len(offset)) + ball
         best = np.clip(tops.argmax(axis=1), 1, 2 * reach - 1)
         before, at, behind = (tops[np.arange(len(place)), best + k] for k in (-1, 0, 1))
@@ -141,16 +130,6 @@ def starts_table(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -
         feet = place[touched[which]] + offset[foot]
         found.append(np.stack([columns[which], np.full(len(which), level), points[which], feet]))
     return _cells(np.concatenate(found, axis=1), heights, cubics, tibia, parts)
-
-
-def _femoral_points(cubics: Floats, parts: int) -> tuple[Floats, Floats]:
-    """Return points x, y [m] of the femur, `parts` in every segment and the last one's end."""
-    segments, part = np.divmod(np.arange(parts * len(cubics) + 1), parts)
-    segments[-1] = len(cubics) - 1
-    part[-1] = parts
-    length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[segments].T
-    u = length * part / parts
-    return x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
 
 
 def _places_of(x: Floats, place: Floats) -> Indices:

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from .closest import CUP_COSINE, CUP_SINE, IN_CUP, ON_CURVE, ON_PLANE, Closest, Surfaces, closest
 from .mechanisms import Mechanism
-from .profiles import NOTHING, NOWHERE, Circle, KernelTable, Profile
+from .profiles import NO_TABLE, NOTHING, Circle, Profile, distinct_points
 from .splines import NOT_A_KNOT, Ends, pieces_through, sines
-from .starts import height_of, slope_of, starts_table
+from .starts import height_and_slope, starts_table
 from .types import Floats
 
 _ARC_POINTS = 1201
@@ -22,7 +22,6 @@ _BALL_SAFETY = 0.8
 """Part of the largest radius of these balls that is taken for every point between them"""
 _BALL_TAILS: Floats = np.geomspace(1e-4, 0.1, 20)
 """Places [m] beyond the measured tibia against which balls are checked"""
-_NO_TABLE = KernelTable(NOTHING, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 _OUTLINE_POINTS = 201
 """Number of points of an outline, besides the measured ones"""
 
@@ -108,13 +107,7 @@ class Plateau:
     """See `Surfaces.tibia`"""
 
     def __post_init__(self) -> None:
-        x, y = np.asarray(self.x, float), np.asarray(self.y, float)
-        if not (np.isfinite(x).all() and np.isfinite(y).all()):
-            raise ValueError("a tibial profile point is not finite")
-        repeated = 1 + np.flatnonzero((np.diff(x) == 0.0) & (np.diff(y) == 0.0))
-        x, y = np.delete(x, repeated), np.delete(y, repeated)
-        if x.size < 4:
-            raise ValueError(f"a tibial profile needs at least 4 different points, got {x.size}")
+        x, y = distinct_points(self.x, self.y, "tibial profile")
         if x[0] > x[-1]:
             x, y = x[::-1], y[::-1]
         if not (np.diff(x) > 0.0).all():
@@ -123,7 +116,7 @@ class Plateau:
         # Balls below: through a point u of a piece, tangent there, and any point v
         inner = np.linspace(x[:-1], x[1:], _BALLS_PER_PIECE, endpoint=False, axis=1).ravel()
         u = np.concatenate([x[0] - _BALL_TAILS[::-1], inner, x[-1] + _BALL_TAILS])
-        rise, slope = height_of(pieces, u), slope_of(pieces, u)
+        rise, slope = height_and_slope(pieces, u)
         dx = u - u[:, None]
         dy = rise - rise[:, None]
         inward = (slope[:, None] * dx - dy) / np.sqrt(1.0 + slope**2)[:, None]
@@ -163,7 +156,7 @@ class Plateau:
         low, high = max(-reach, float(nodes[0])), min(reach, float(nodes[-1]))
         x = np.unique(np.concatenate([np.linspace(low, high, _OUTLINE_POINTS), nodes]))
         x = x[np.abs(x) <= reach]
-        return np.stack([x, height_of(self.pieces, x)], axis=1)
+        return np.stack([x, height_and_slope(self.pieces, x)[0]], axis=1)
 
 
 def _tibial_pieces(x: Floats, y: Floats, ends: Ends) -> Floats:
@@ -210,7 +203,7 @@ class ContactPair:
         femur, tibia, mechanism = self.femur, self.tibia, self.mechanism
         slope = float(tibia.slope) if isinstance(tibia, Plane) else 0.0
         kind = IN_CUP
-        table = _NO_TABLE
+        table = NO_TABLE
         pieces = NOTHING
         non_convex = False
         if isinstance(tibia, Plane):
