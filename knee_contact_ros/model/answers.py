@@ -2,7 +2,7 @@
 
 import math
 
-from .closest import closest
+from .closest import closest, contact_point
 from .compiler import inlined
 from .contact import KneeConstants, Result
 from .error_estimate import capped, velocity_bound
@@ -48,10 +48,9 @@ def write_answer(
     depth = max(0.0, stage.depth)
     bone = max(0.0, depth - float(knee.law[2, BEGIN]))
     x, x_slope = translation(knee.surfaces.pieces, angle)
-    overlap, extent, turning, normal_x, normal_y = closest(knee.surfaces, angle, x, height)
-    along, across = -turning, overlap - extent
-    point_x = x + along * normal_y + across * normal_x
-    point_y = height - along * normal_x + across * normal_y
+    found = closest(knee.surfaces, angle, x, height)
+    _, extent, _, normal_x, normal_y = found
+    point_x, point_y = contact_point(found, x, height)
     estimate, force_estimate = result.estimate, result.force_estimate
     evaluations = result.evaluations
     if estimate > LINEAR_FORCE_FRACTION * abs(stage.depth) and stage.depth + estimate > 0.0:

@@ -60,15 +60,6 @@ class Closest(NamedTuple):
     normal_y: float
     """y of the unit normal n"""
 
-    def point(self, x: float, height: float) -> tuple[float, float]:
-        """Return the contact point on the tibia [m], for the femoral reference point at (x, height) [m]."""
-        along = -self.turning
-        across = self.depth - self.extent
-        return (
-            x + along * self.normal_y + across * self.normal_x,
-            height - along * self.normal_x + across * self.normal_y,
-        )
-
 
 class Surfaces(NamedTuple):
     """A contact pair in the form that the kernel takes, of the same types for every pair."""
@@ -126,10 +117,8 @@ def touch(
 
 
 @inlined
-def closest(
-    surfaces: Surfaces, angle: float, x: float, height: float
-) -> tuple[float, float, float, float, float]:
-    """Return the fields of `Closest` for the reference point at (x, height) [m].
+def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> Closest:
+    """Return the common normal for the reference point at (x, height) [m].
 
     On a plane the depth is h - n·(x, height), where h is the femur's support at the angle minus the slope.
     """
@@ -143,14 +132,20 @@ def closest(
             surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned
         )
     depth = h + x * surfaces.sine - surfaces.cosine * height
-    return depth, h, turning, -surfaces.sine, surfaces.cosine
+    return Closest(depth, h, turning, -surfaces.sine, surfaces.cosine)
+
+
+@inlined
+def contact_point(found: Closest, x: float, height: float) -> tuple[float, float]:
+    """Return the contact point on the tibia [m], for the femoral reference point at (x, height) [m]."""
+    along, across = -found.turning, found.depth - found.extent
+    point_x = x + along * found.normal_y + across * found.normal_x
+    return point_x, height - along * found.normal_x + across * found.normal_y
 
 
 @in_kernel
-def normal_in_cup(
-    surfaces: Surfaces, x: float, height: float
-) -> tuple[float, float, float, float, float]:
-    """Return the fields of `Closest` for a circle in a cup.
+def normal_in_cup(surfaces: Surfaces, x: float, height: float) -> Closest:
+    """Return the common normal of a circle in a cup.
 
     The circle's deepest point is in the direction of its centre's nearest tibial point.
     """
@@ -165,7 +160,8 @@ def normal_in_cup(
         distance = (height * (radius + below) - x * x) / (radius + from_centre)
         normal_x = -x / from_centre
         normal_y = below / from_centre
-    return surfaces.femoral_radius - distance, surfaces.femoral_radius, 0.0, normal_x, normal_y
+    femoral = surfaces.femoral_radius
+    return Closest(femoral - distance, femoral, 0.0, normal_x, normal_y)
 
 
 @in_kernel
@@ -183,10 +179,8 @@ def start_cell(surfaces: Surfaces, angle: float, height: float) -> int:
 
 
 @in_kernel
-def common_normal(
-    surfaces: Surfaces, angle: float, x: float, height: float
-) -> tuple[float, float, float, float, float]:
-    """Return the fields of `Closest` on a curved tibia: the deepest of the contacts found from some starts.
+def common_normal(surfaces: Surfaces, angle: float, x: float, height: float) -> Closest:
+    """Return the common normal on a curved tibia: the deepest of the contacts found from some starts.
 
     From each start Newton's method finds a common normal. If it does not reach a smallest distance, or if its foot may
     not be the nearest one to a point below the surface, a search by halving takes over.
@@ -264,7 +258,7 @@ def common_normal(
             turning = normal_x * py - normal_y * px
     # The spline of a circle is a smaller circle; see `Circle.cubics`.
     inner = SHRUNK * surfaces.femoral_radius
-    return best + inner, extent + inner, turning, normal_x, normal_y
+    return Closest(best + inner, extent + inner, turning, normal_x, normal_y)
 
 
 @in_kernel

@@ -10,10 +10,10 @@ between noisy points is never mistaken for the contact.
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .compiler import in_kernel, inlined
 from .splines import cosines, pieces_through, sines
@@ -258,8 +258,8 @@ class Profile:
         order = np.lexsort((-h[:, 0], cells)), np.lexsort((-h[:, -1], cells))
         places = [(self.cubics[segments, 1] + u[:, k])[order[k][first[:-1]]] for k in (0, -1)]
         starts = segments[:, None].astype(np.float64)
-        kinks = self._kinks(first, starts, np.isnan(polynomials[:, 0]), np.stack(places))
-        return KernelTable(polynomials, first, starts, self.cubics, np.array(kinks))
+        table = KernelTable(polynomials, first, starts, self.cubics, NO_TABLE.kinks)
+        return table._replace(kinks=np.array(self._kinks(table, np.stack(places))))
 
     def _candidates(self) -> tuple[Integers, Integers]:
         """Return cells and the segments that may have the lowest point in them, in the order of cells.
@@ -309,9 +309,7 @@ class Profile:
         y = y0 + u * (y1 + u * (y2 + u * y3))
         return h, u, sine * y - cosine * x
 
-    def _kinks(
-        self, begins: Integers, starts: Floats, open_cells: NDArray[Any], edges: Floats
-    ) -> list[float]:
+    def _kinks(self, table: KernelTable, edges: Floats) -> list[float]:
         """Return the angles [rad] of `KernelTable.kinks`; `edges` has the places [m] at both edges of each cell.
 
         While the lowest point glides, the curve bends to the same side all along. If it does not between the lowest
@@ -328,7 +326,7 @@ class Profile:
                 if not found or middle - found[-1] > 10.0 * _KINK_RESOLUTION:
                     found.append(middle)
                 return
-            between = lowest_point(begins, starts, self.cubics, middle)[2]
+            between = lowest_point(*table[1:4], middle)[2]
             search(a, middle, from_place, between)
             search(middle, b, between, to_place)
 
@@ -337,7 +335,7 @@ class Profile:
             a = cell * width
             left, right = float(edges[0, cell]), float(edges[1, cell])
             search(a, a, float(edges[1, cell - 1]), left)
-            if open_cells[cell]:
+            if math.isnan(table.cells[cell, 0]):
                 search(a, (cell + 1) * width, left, right)
         return [kink for kink in found if kink < math.tau]
 

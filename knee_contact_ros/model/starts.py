@@ -7,7 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .mechanisms import Mechanism
-from .profiles import NOTHING, SHRUNK, Circle, KernelTable, Profile, curve_points
+from .profiles import NO_TABLE, SHRUNK, Circle, KernelTable, Profile, curve_points
 from .splines import cosines, sines
 from .types import Floats, Indices
 
@@ -165,4 +165,4 @@ def _cells(
     pieces = np.searchsorted(tibia[1:, 0], places, side="right")
     begins = np.searchsorted(cells[new], np.arange(len(middle) * rows + 1)).astype(np.int64)
     starts = np.column_stack([segments, u, pieces, places])
-    return KernelTable(middle, begins, starts, cubics, NOTHING[0, :0])
+    return KernelTable(middle, begins, starts, cubics, NO_TABLE.kinks)

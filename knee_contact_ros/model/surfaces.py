@@ -183,7 +183,7 @@ class ContactPair:
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal at a flexion angle [rad] and a height of the femoral reference point [m]."""
         x, _ = self.mechanism.translation(angle)
-        return Closest(*closest(self.surfaces, angle, x, height))
+        return closest(self.surfaces, angle, x, height)
 
     @cached_property
     def femoral_radius(self) -> float:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from ..model.closest import contact_point
 from ..model.knee import KneeModel
 from ..model.laws import ContactLaw
 from ..model.readouts import ContactPatch
@@ -159,7 +160,7 @@ def outlines_of_compartments(
         for angle in WALKING.tolist():
             x, _ = model.pair.mechanism.translation(angle)
             height = model.pair.femur.support(angle)[0]
-            touched.append(model.pair.closest(angle, height).point(x, height)[0])
+            touched.append(contact_point(model.pair.closest(angle, height), x, height)[0])
         ranges.append((min(touched), max(touched)))
     anatomies = _anatomies(
         models, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both)
@@ -229,7 +230,7 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     x, _ = model.pair.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
     closest = model.pair.closest(flexion_angle, femoral_height)
-    point = closest.point(x, femoral_height)
+    point = contact_point(closest, x, femoral_height)
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur = model.pair.femur.outline()

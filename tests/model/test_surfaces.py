@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.model import compiler, surfaces
-from knee_contact_ros.model.closest import Closest, closest, next_kink, touch
+from knee_contact_ros.model.closest import closest, contact_point, next_kink, touch
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
 from knee_contact_ros.model.profiles import CELLS, Circle, Profile, lowest_point
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
@@ -83,7 +83,7 @@ def compiled():
 
 def found_by(pair, angle, height):
     """The same as `pair.closest`, bit for bit as a test below shows, but sooner."""
-    return Closest(*compiled()(pair.surfaces, angle, pair.mechanism.translation(angle)[0], height))
+    return compiled()(pair.surfaces, angle, pair.mechanism.translation(angle)[0], height)
 
 
 def height_for(pair, angle, depth):
@@ -117,7 +117,7 @@ def compared(name, some):
     depths, feet = deepest(femur, distance, np.array(some))
     found = [found_by(pair, angle, height) for angle, _, height in some]
     for (_, x, height), one, depth, foot in zip(some, found, depths, feet, strict=True):
-        point = np.array(one.point(x, height))
+        point = np.array(contact_point(one, x, height))
         if math.dist(point, foot) > 1e-8:  # then both of two places are equally deep
             assert distance(point[None])[0] == pytest.approx(0.0, abs=1e-12)
             across = point + one.depth * -np.array([one.normal_x, one.normal_y])
@@ -170,7 +170,7 @@ def test_touch_is_closest_and_its_derivatives(name):
     pair, _, _ = SCENES[name]
     tables, step = pickle.loads(pickle.dumps(pair)).surfaces, 1e-6  # noqa: S301
     for angle, _, height in poses(pair, 6, seed=3):
-        found = Closest(*closest(tables, angle, pair.mechanism.translation(angle)[0], height))
+        found = closest(tables, angle, pair.mechanism.translation(angle)[0], height)
         assert math.hypot(found.normal_x, found.normal_y) == pytest.approx(1.0, abs=1e-15)
         _, x_slope = pair.mechanism.translation(angle)
         rate = found.turning * 0.7 - found.normal_x * (x_slope * 0.7)

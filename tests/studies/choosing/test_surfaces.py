@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import load_model
+from knee_contact_ros.model.closest import contact_point
 from studies.choosing.scenes import CIRCLE, MRI_FEMUR, MRI_KNEE, geometries
 from studies.choosing.surfaces import deepest, femur_through, lowest, plateau_through
 
@@ -54,4 +55,4 @@ def test_the_model_finds_the_same_contact(name):
             # The model searches to 1e-14 m and below; the place of a flat minimum is known to the root of that.
             assert closest.depth == pytest.approx(depth, abs=1e-13)
             expected = geometry.contact_x(angle, state[0])
-            assert closest.point(0.0, height)[0] == pytest.approx(expected, abs=1e-7)
+            assert contact_point(closest, 0.0, height)[0] == pytest.approx(expected, abs=1e-7)
