@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from . import ticks
-from .compiler import ENTRY, FAST_ENTRY, HOST_SIZES, BuildError, build, host, translate
+from .compiler import ENTRY, FAST_ENTRY, HOST_SIZES, BuildError, build, host
 from .contact import KneeConstants
 from .laws import hertz
 from .mechanisms import hinge
@@ -132,11 +132,6 @@ def has_fast_processor() -> bool:
     return {"avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"} <= set(flags)
 
 
-def translated_run() -> str:
-    """Return the code of `portable_code`, from the process that translates it."""
-    return translate(ticks.run, example_knee())
-
-
 @cache
 def portable_code() -> str:
     """Translate `ticks.run`, and all that it calls, into LLVM's language, not optimised; it is named `kernel`.
@@ -149,10 +144,10 @@ def portable_code() -> str:
     if not importlib.util.find_spec("numba"):
         raise BuildError("Numba is not installed")
     sys.stderr.write("knee_contact_ros: building the compiled model, once (some 8 s)\n")
-    # By its full name: this module may be the one that was started.
+    # By its full name: this module may be the one that was started. No cycles are worth looking for.
     code = (
-        "from knee_contact_ros.model.kernel import translated_run; import gc; gc.disable(); "
-        "print(translated_run())"  # which makes no cycles that are worth looking for
+        "from knee_contact_ros.model import compiler, kernel, ticks; import gc; gc.disable(); "
+        "print(compiler.translate(ticks.run, kernel.example_knee()))"
     )
     made = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False

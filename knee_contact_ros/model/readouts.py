@@ -113,15 +113,7 @@ def load_uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readin
 
     For a contact at rest, the force's deviation is the load's times the ratio of force to load, and the depth's is that
     over the stiffness of the law at rest. Under small forces this is too much; then the depth that the deviation alone
-    would cause is used, which is an upper bound. Inertia and damping are left out.
-
-    Args:
-        law: The contact law.
-        rows: Answers, shape (n,).
-        load_deviation: Standard deviation of `load` [N], a number or shape (n,); NaN where it is not known.
-
-    Raises:
-        ValueError: a standard deviation is negative.
+    would cause is used, which is an upper bound. Inertia and damping are left out. See `KneeModel.uncertainty`.
     """
     deviation = np.broadcast_to(np.asarray(load_deviation, dtype=np.float64), len(rows))
     if (deviation < 0.0).any():
