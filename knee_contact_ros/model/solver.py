@@ -33,6 +33,7 @@ from .contact import (
 )
 from .error_estimate import (
     SAFETY_FACTOR,
+    SPREAD_FACTOR,
     TINY,
     Error,
     beside_delay,
@@ -401,6 +402,12 @@ def cross(
         mode = Mode(knee, tick, layer, layer > APART, impact_speed)
         mode, motion = entered(mode, motion)
     if layer == APART:
+        if knee.remembers_impact and touch.error > 0.0 and touch.speed > 0.0:
+            # A contact that has begun faster keeps a smaller part e of its speed v: v de/dv is about -e (1 - e). The
+            # linearised contact, which is that of one impact speed, knows only a part of this.
+            kept = min(abs(stage.rate) / touch.speed, 1.0)
+            own = kept * (1.0 - kept) * touch.error / SPREAD_FACTOR
+            error = Error(error.height, error.velocity, error.hh, error.hv, error.vv + own * own)
         touch = Touch(math.nan, touch.error, touch.latest, touch.landing_rate)
     # What a femur that is late or early misses is the jump of the force, not the force (saltation).
     jump = (motion.stage.force if mode.pressing else 0.0) - exerted
