@@ -26,7 +26,7 @@ from .error_estimate import (
     with_bound,
     with_curvature,
 )
-from .laws import APART, BEGIN, EXPONENT, force_at, law_force, layer_at
+from .laws import APART, BEGIN, DAMPING, EXPONENT, force_at, law_force, layer_at
 from .statics import MAX_ANSWER_EVALUATIONS, static_contact
 from .steps import NEWTON_TOLERANCE_SHARE
 
@@ -165,6 +165,14 @@ def static_end(
             kept = before_bound * math.exp(-h * below / SOFT_LAYER_PHASE * frequency)
             least = max(0.0, kept - height_bound(error, relaxation))
             error = with_bound(error, least, least * relaxation)
+        beyond = float(knee.law[layer + 1, BEGIN]) - end_depth
+        dashpot = float(knee.law[layer + 1, DAMPING])
+        if dashpot > 0.0 and before_bound > beyond:
+            # The femur may creep in the layer below, which is soft where it begins: there nothing more than what the
+            # force on its edge is too large by brings it back.
+            least = before_bound - beyond * k / dashpot * h - height_bound(error, relaxation)
+            if least > 0.0:
+                error = with_bound(error, least, least * relaxation)
         left = min(resolution, 1e-3 * end_depth)
         unknown = left * left / max(end_depth, TINY)
         if begin_layer != layer:

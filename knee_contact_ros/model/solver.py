@@ -181,8 +181,13 @@ def begin_stretch(
     knee, stage = mode.knee, motion.stage
     # Exactly on a boundary the direction of the rate decides on which side the contact goes on.
     ahead = stage.depth + math.copysign(DEPTH_ROUNDING, stage.rate)
-    if math.isnan(touch.speed) and ahead >= 0.0:
-        touch = Touch(stage.rate, velocity_bound(error), touch.latest, touch.landing_rate)
+    if math.isnan(touch.speed):
+        if ahead >= 0.0:
+            touch = Touch(stage.rate, velocity_bound(error), touch.latest, touch.landing_rate)
+    elif stage.rate > 0.0 and stage.depth <= height_bound(error, math.inf):
+        # The exact surfaces may be apart, and touch now: at this rate, and not at that of the present contact.
+        another = abs(stage.rate - touch.speed) + velocity_bound(error)
+        touch = Touch(touch.speed, max(touch.error, another), touch.latest, touch.landing_rate)
     impact_speed = 0.0 if math.isnan(touch.speed) else touch.speed
     layer = layer_at(knee.law, ahead)
     mode = Mode(knee, mode.tick, layer, layer > APART, impact_speed)
@@ -392,6 +397,9 @@ def cross(
         most = velocity_bound(error) + abs(stage.acceleration) * delay
         late = stage.acceleration / max(abs(stage.rate), TINY)
         doubt = min(most, velocity_bound(mapped(error, 1.0, 0.0, late, 1.0)))
+        if stage.rate * motion.time <= height_bound(error, math.inf):
+            # The exact surfaces may not have parted before this tick: then their contact may have begun at rest.
+            doubt = max(doubt, stage.rate)
         touch = Touch(stage.rate, doubt, motion.time + delay, stage.rate)
         impact_speed = stage.rate
     if boundary == FORCE_ZERO:

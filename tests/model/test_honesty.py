@@ -113,6 +113,11 @@ def test_lift_offs_and_landings_are_covered(seed, level, tolerance):
             "quasi_static",
             1e-10,
         ),  # a load that ends, into which the femur falls faster and faster
+        (
+            20261203000979,
+            "quasi_static",
+            1e-5,
+        ),  # the load goes back to a layer, in whose soft neighbour the femur still creeps
         (6653000519, "dynamic", 1e-6),  # the doubt of the impact speed, after some bounces
         (8203000025, "dynamic", 1e-8),  # a linear layer has its stiffness also on its very edge
     ],
@@ -131,6 +136,7 @@ def test_what_was_said_right_and_wrong_is_not_any_more(seed, level, tolerance):
         6637000491,  # a contact that began at an unknown speed becomes one that hardly moves if it began at rest
         6619000125,  # a layer with the exponent 1.0019, whose stiffness on the edge is 0 and right behind it is not
         6637000612,  # a contact creeps from an error of a third of its depth; its damping goes with the depth
+        20261203001395,  # the femur may have parted before a tick whose surfaces meet faster: it is another impact
         6001001382,  # the static contact lies in a damped layer, and the femur swings in the undamped one above
     ],
 )
@@ -300,6 +306,12 @@ def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(seed, le
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 10
     assert not found.depth.wrong.any()
+
+
+def test_a_femur_that_may_not_have_parted_may_have_another_impact_speed():
+    """It is 0.04 nm apart by our account, and not by the exact one, when the surfaces meet again."""
+    found = answered(draw(20261203000499), "dynamic", 1e-6, force_tolerance=0.1)
+    assert covered(found) > 0.97
 
 
 @pytest.mark.parametrize(
