@@ -23,7 +23,7 @@ from .contact import (
     load_at,
 )
 from .error_estimate import TINY, Error, eigenvalues, height_bound
-from .laws import APART, BEGIN
+from .laws import APART, BASE, BEGIN, DAMPING
 from .steps import MAX_GLIDE_RADIUS, STEP_RESERVE, Step, flight_step, step_by
 
 KINK_MARGIN = 2e-12
@@ -168,8 +168,12 @@ def probe_flight(
             end_rising = probe.stiffness * probe.rate + probe.damping * (pull + bent)
             safe = finest or min(low.rate * probe.rate, rising * end_rising) >= 0.0
             in_layer = low.depth - float(knee.law[mode.layer, BEGIN])
-            if boundary == LAYER_BEGIN and 2.0 * low.force * low.rate < rising * in_layer:
-                safe = finest  # it presses before the layer ends, where its force is 0 again
+            # It may press before the layer ends: where the force is 0 again there, or where the layers above press.
+            slowest = max(low.rate, probe.rate)
+            edge = float(knee.law[mode.layer, BASE] + knee.law[mode.layer, DAMPING] * slowest)
+            presses = edge > 0.0 or 2.0 * low.force * low.rate < rising * in_layer
+            if boundary == LAYER_BEGIN and presses:
+                safe = finest
             if surfaces.non_convex > 0.0:
                 # Right after a leap the next bump presses, maybe only for a moment.
                 change = abs(probe.surface_rate - low.surface_rate)

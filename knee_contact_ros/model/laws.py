@@ -75,7 +75,7 @@ class Layer(NamedTuple):
 
 # Columns of a law's array for the kernel
 BEGIN = Layer._fields.index("begin")
-_BASE = Layer._fields.index("base")
+BASE = Layer._fields.index("base")
 _STIFFNESS = Layer._fields.index("stiffness")
 EXPONENT = Layer._fields.index("exponent")
 DAMPING = Layer._fields.index("damping")
@@ -110,7 +110,7 @@ def force_at(
         loss /= max(impact_speed, float(law[layer, _LEAST_SPEED]))
         damping += elastic * loss
         slope *= 1.0 + loss * rate
-    return float(law[layer, _BASE]) + elastic + damping * rate, slope, damping
+    return float(law[layer, BASE]) + elastic + damping * rate, slope, damping
 
 
 @in_kernel

@@ -118,6 +118,11 @@ def test_lift_offs_and_landings_are_covered(seed, level, tolerance):
             "quasi_static",
             1e-5,
         ),  # the load goes back to a layer, in whose soft neighbour the femur still creeps
+        (
+            20261205001099,
+            "dynamic",
+            1e-6,
+        ),  # a released contact presses again right before it leaves a layer, whose edge carries a force
         (6653000519, "dynamic", 1e-6),  # the doubt of the impact speed, after some bounces
         (8203000025, "dynamic", 1e-8),  # a linear layer has its stiffness also on its very edge
     ],
