@@ -52,8 +52,8 @@ MUTANTS = (
     Mutant(
         "a law's force is 0.1 % too high",
         "model/laws.py",
-        "return float(law[layer, _BASE]) + elastic + damping * rate",
-        "return float(law[layer, _BASE]) + 1.001 * elastic + damping * rate",
+        "return float(law[layer, BASE]) + elastic + damping * rate",
+        "return float(law[layer, BASE]) + 1.001 * elastic + damping * rate",
         "model/test_laws.py",
     ),
     Mutant(
